@@ -29,7 +29,7 @@ __all__ = [
     "Run",
     "Simulation",
     "__version__",
-    "_rig",
+    "_command",
     "batch",
     "compare",
     "diagnose",
@@ -82,7 +82,7 @@ class _Names(TypedDict, total=False):
     seq: str
 
 class _Units(TypedDict, total=False):
-    """Units as in ``rig --units``; common spellings such as ``"sec"`` are accepted too."""
+    """Units as in ``softrig --units``; common spellings such as ``"sec"`` are accepted too."""
 
     time: Literal["s", "ms", "us", "ns", "min"] | str
     pressure: Literal["kpa", "psi", "bar", "mbar", "mpa", "pa", "mmhg"] | str
@@ -90,7 +90,7 @@ class _Units(TypedDict, total=False):
 
 class _Meaning(TypedDict, total=False):
     """Units and meaning of columns that are not in s, kPa (gauge) and °, like the flags of
-    ``rig``."""
+    ``softrig``."""
 
     units: _Units | None
     absolute_pressure: bool | float
@@ -197,7 +197,7 @@ class Model:
 
     def write(self, path: _Path) -> None: ...
     def export(self, path: _Path) -> None:
-        """Writes the model as a file of another tool, as ``rig export`` does: C (.c), Python
+        """Writes the model as a file of another tool, as ``softrig export`` does: C (.c), Python
         (.py), MATLAB (.m), Modelica (.mo), or a functional mock-up unit (.fmu)."""
 
     def replace(self, **parameters: float) -> Model:
@@ -301,14 +301,14 @@ class _Gap(TypedDict):
 def gap(before: _Recordings, after: _Recordings | None = None) -> _Gap:
     """The error of the board's own prediction, before and after an upload.
 
-    The prediction is the column predicted_deg that ``rig record`` writes. The result is what
-    ``rig gap --json`` writes."""
+    The prediction is the column predicted_deg that ``softrig record`` writes. The result is what
+    ``softrig gap --json`` writes."""
 
 def compare(
     models: Model | Iterable[Model], recordings: _Recordings, *, linear: bool = False
 ) -> pd.DataFrame:
     """The RMS error of each model against the mean of the repeats to each set-point, with the
-    columns that ``rig compare -o`` writes. ``linear`` adds the paper's linear rival of the first
+    columns that ``softrig compare -o`` writes. ``linear`` adds the paper's linear rival of the first
     model, refitted."""
 
 @final
@@ -483,7 +483,7 @@ class _Experiment:
     expected_delta_chi2: float
 
 class _Verdict:
-    """The verdict with the names of the JSON, which ``rig schema`` explains. The JSON's
+    """The verdict with the names of the JSON, which ``softrig schema`` explains. The JSON's
     ``where`` is called ``places`` here."""
 
     schema: int
@@ -564,7 +564,7 @@ class Run:
 
 @final
 class Diagnosis:
-    """The result of a diagnosis. Its text is the summary that ``rig diagnose`` prints."""
+    """The result of a diagnosis. Its text is the summary that ``softrig diagnose`` prints."""
 
     @property
     def answer(self) -> _Answer: ...
@@ -583,7 +583,7 @@ class Diagnosis:
     @property
     def verdict(self) -> _Verdict: ...
     def json(self) -> str:
-        """The verdict as ``rig diagnose --json`` writes it."""
+        """The verdict as ``softrig diagnose --json`` writes it."""
 
     @property
     def model(self) -> Model:
@@ -597,7 +597,7 @@ class Diagnosis:
         """Writes the report: one HTML page that needs no network."""
 
     def plot(self, path: _Path | None = None) -> NDArray[Any] | None:
-        """Draws measured, before and after: with a path as the SVG of ``rig diagnose --plot``,
+        """Draws measured, before and after: with a path as the SVG of ``softrig diagnose --plot``,
         without one on matplotlib's axes, an array with one a run."""
 
     def _repr_html_(self) -> str: ...
@@ -684,7 +684,7 @@ def batch(
     budget_s: float | None = None,
 ) -> Batch:
     """Diagnoses many cases, each into its own folder below ``out``, as
-    ``rig diagnose --batch`` does.
+    ``softrig diagnose --batch`` does.
 
     ``cases`` is a manifest, or a list of dictionaries with its columns: ``case``, the name, which
     is that of its folder; ``model`` and ``recordings``, paths; and, where they are needed,
@@ -709,7 +709,7 @@ class Example:
     @property
     def recordings(self) -> list[Recording]: ...
     def write(self, folder: _Path) -> None:
-        """Writes model.toml, truth.toml and recordings/ into a folder, as ``rig example``
+        """Writes model.toml, truth.toml and recordings/ into a folder, as ``softrig example``
         does."""
 
 def example(seed: int = 1, *, effect: str | None = None, noise_deg: float = 0.4) -> Example:
@@ -720,13 +720,13 @@ def example(seed: int = 1, *, effect: str | None = None, noise_deg: float = 0.4)
 
 def residuals(model: Model, recordings: _Recordings) -> dict[str, Any]:
     """What a model leaves of recordings: correlations, prediction error over the time ahead,
-    and distribution, as ``rig residuals --json`` writes them."""
+    and distribution, as ``softrig residuals --json`` writes them."""
 
 def linearise(
     model: Model, *, at_deg: float | None = None, at_kpa: float | None = None
 ) -> dict[str, Any]:
     """A model for small motions about a rest, at an angle or under a pressure: state space,
-    poles, gain and bandwidth, as ``rig linearise --json`` writes them."""
+    poles, gain and bandwidth, as ``softrig linearise --json`` writes them."""
 
 def plan(
     model: Model,
@@ -736,10 +736,10 @@ def plan(
     limits: str | None = None,
     noise_deg: float | None = None,
 ) -> dict[str, Any]:
-    """The runs that tell two effects apart, best first, as ``rig plan --json`` writes them."""
+    """The runs that tell two effects apart, best first, as ``softrig plan --json`` writes them."""
 
 def init(recordings: _Recordings, *, name: str = "model") -> Model:
-    """A first model, identified from recordings as ``rig init --recording`` does."""
+    """A first model, identified from recordings as ``softrig init --recording`` does."""
 
-def _rig() -> int:
-    """Runs ``rig`` with the arguments of this process and returns its exit code."""
+def _command() -> int:
+    """Runs ``softrig`` with the arguments of this process and returns its exit code."""

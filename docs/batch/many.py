@@ -1,9 +1,9 @@
-"""Runs a batch of rig on Dask, on Ray or on this machine, and says what failed where.
+"""Runs a batch of softrig on Dask, on Ray or on this machine, and says what failed where.
 
     python many.py cases.csv out --engine dask --workers 2
     python many.py cases.csv out --engine ray --address auto
 
-Every machine needs `rig` and the same files under the same paths. RIG names another program.
+Every machine needs `softrig` and the same files under the same paths. SOFTRIG names another program.
 """
 
 import argparse
@@ -22,7 +22,7 @@ Result = dict[str, Any]
 
 def run(job: int, jobs: int, manifest: str, out: str, threads: int) -> Result:
     """One share of the batch, on the machine where this is called."""
-    rig = os.environ.get("RIG", "rig")
+    rig = os.environ.get("SOFTRIG", "softrig")
     share = ["--batch", manifest, "-o", out, "--share", f"{job}/{jobs}"]
     result: Result = {"job": job, "host": socket.gethostname(), "failed": {}}
     try:
@@ -89,7 +89,7 @@ ENGINES = {"local": on_this_machine, "dask": on_dask, "ray": on_ray}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Runs a batch of rig, and says what failed where.")
+    parser = argparse.ArgumentParser(description="Runs a batch of softrig, and says what failed where.")
     parser.add_argument("manifest")
     parser.add_argument("out")
     parser.add_argument("--engine", choices=ENGINES, default="local")
@@ -118,7 +118,7 @@ def main() -> int:
     if wrong == jobs:
         return 1
     # Everything that is done is skipped; the table is written.
-    rig = os.environ.get("RIG", "rig")
+    rig = os.environ.get("SOFTRIG", "softrig")
     table = subprocess.run([rig, "diagnose", "--batch", manifest, "-o", out])
     return 1 if failed or wrong else table.returncode
 

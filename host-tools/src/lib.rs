@@ -1,4 +1,4 @@
-//! The `rig` command: what its arguments mean, and how results become files and code
+//! The `softrig` command: what its arguments mean, and how results become files and code
 //! in other languages. Fits and verdicts come from `softrig`, pictures and reports from
 //! `softrig_report`, files from `softrig_formats`, the board's answers from `softrig_link`.
 #![forbid(unsafe_code)]

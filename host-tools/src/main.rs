@@ -1,4 +1,4 @@
-//! The `rig` program.
+//! The `softrig` program.
 #![forbid(unsafe_code)]
 
 use std::ffi::OsString;
@@ -11,5 +11,5 @@ static ALLOCATOR: dlmalloc::GlobalDlmalloc = dlmalloc::GlobalDlmalloc;
 
 fn main() -> ExitCode {
     let arguments: Vec<OsString> = std::env::args_os().collect();
-    ExitCode::from(host_tools::command::main(&arguments))
+    ExitCode::from(softrig_cli::command::main(&arguments))
 }

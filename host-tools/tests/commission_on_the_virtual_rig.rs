@@ -1,4 +1,4 @@
-//! `rig commission` on virtual rigs, healthy and broken: which step finds what.
+//! `softrig commission` on virtual rigs, healthy and broken: which step finds what.
 #![cfg(unix)]
 
 #[path = "common/schema.rs"]
@@ -39,7 +39,7 @@ fn commission(arguments: &[&str]) -> Option<(Vec<String>, Option<i32>)> {
     let schema: serde_json::Value = serde_json::from_slice(&schema.stdout).unwrap();
     follows(&schema, &schema, &report, "commission");
     assert!(
-        !folder.path().join("rig.toml").exists(),
+        !folder.path().join("softrig.toml").exists(),
         "a simulator at full speed has no clock to correct by"
     );
     Some((failed, output.status.code()))
@@ -160,7 +160,7 @@ fn the_measured_clock_corrects_the_times_of_a_recording() {
         "{corrected_s} {board_s}"
     );
 
-    let path = served.folder.path().join("rig.toml");
+    let path = served.folder.path().join("softrig.toml");
     let of_another = fs::read_to_string(&path).unwrap();
     let of_another = of_another.replace("\"simulated\"", "\"usb 2341:0042 75330\"");
     fs::write(&path, of_another).unwrap();
@@ -172,7 +172,7 @@ fn the_measured_clock_corrects_the_times_of_a_recording() {
     );
 }
 
-/// A person at the keyboard of `rig commission`, who does at the rig what it says.
+/// A person at the keyboard of `softrig commission`, who does at the rig what it says.
 struct Person {
     rig: Child,
     keyboard: fs::File,
@@ -186,7 +186,7 @@ impl Person {
         unlockpt(&keyboard).unwrap();
         let terminal = ptsname(&keyboard, Vec::new()).unwrap();
         let terminal = fs::File::open(terminal.to_str().unwrap()).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_softrig"));
         command.args(["commission", "--port", "port", "--json", "board.json"]);
         for step in steps {
             command.args(["--only", step]);

@@ -114,7 +114,7 @@ fn go(mut served: VirtualRig) -> Pass {
     }
 }
 
-/// What `rig` prints.
+/// What `softrig` prints.
 fn rig(folder: &TempDir, arguments: &[&str]) -> String {
     let output = virtual_rig::rig(folder, arguments);
     assert!(output.status.success(), "{arguments:?}: {output:?}");

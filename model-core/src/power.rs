@@ -21,7 +21,7 @@
 //! Keep the default unless a result has to be compared with one that was
 //! obtained on micromath. The board steps with neither `f32` function but with a table of
 //! the power ([`crate::power_table`]); its self-test steps both, for their accuracy and
-//! cycles beside the table's, and so does `rig simulate --arithmetic`.
+//! cycles beside the table's, and so does `softrig simulate --arithmetic`.
 //!
 //! # What both `f32` functions promise
 //!

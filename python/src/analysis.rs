@@ -4,15 +4,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::cli::linearise::{Linearised, Rest};
-use host_tools::cli::plan::{Plan, limits};
-use host_tools::cli::residuals::Analysis;
 use library::diagnose::Progress;
 use library::estimate::assemble::assemble;
 use library::first_model::from_recordings;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use serde::Serialize;
+use softrig_cli::cli::linearise::{Linearised, Rest};
+use softrig_cli::cli::plan::{Plan, limits};
+use softrig_cli::cli::residuals::Analysis;
 use softrig_formats::columns::Layout;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::PASCAL_PER_KPA;
@@ -31,7 +31,7 @@ fn said<'py>(py: Python<'py>, result: &impl Serialize) -> PyResult<Bound<'py, Py
 }
 
 /// What a model leaves of recordings: correlations, prediction error over the time ahead, and
-/// distribution, as `rig residuals --json` writes them.
+/// distribution, as `softrig residuals --json` writes them.
 #[pyfunction]
 pub fn residuals<'py>(
     py: Python<'py>,
@@ -48,7 +48,7 @@ pub fn residuals<'py>(
 }
 
 /// A model for small motions about a rest, at an angle or under a pressure: state space, poles,
-/// gain and bandwidth, as `rig linearise --json` writes them.
+/// gain and bandwidth, as `softrig linearise --json` writes them.
 #[pyfunction]
 #[pyo3(signature = (model, *, at_deg = None, at_kpa = None))]
 pub fn linearise<'py>(
@@ -66,7 +66,7 @@ pub fn linearise<'py>(
     said(py, &result)
 }
 
-/// The runs that tell two effects apart, best first, as `rig plan --json` writes them.
+/// The runs that tell two effects apart, best first, as `softrig plan --json` writes them.
 #[pyfunction]
 #[pyo3(signature = (model, between, recordings = None, *, limits = None, noise_deg = None))]
 pub fn plan<'py>(
@@ -87,7 +87,7 @@ pub fn plan<'py>(
     said(py, &plan)
 }
 
-/// A first model, identified from recordings as `rig init --recording` does.
+/// A first model, identified from recordings as `softrig init --recording` does.
 #[pyfunction]
 #[pyo3(signature = (recordings, *, name = "model"))]
 pub fn init(py: Python<'_>, recordings: &Bound<'_, PyAny>, name: &str) -> PyResult<Model> {

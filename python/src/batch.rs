@@ -4,13 +4,13 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use host_tools::batch::manifest::{self, Case, Cases, List};
-use host_tools::batch::results::{Cells, columns};
-use host_tools::batch::{Batch as Plan, Settings, Summary, rows, table};
 use library::diagnose::Progress;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
+use softrig_cli::batch::manifest::{self, Case, Cases, List};
+use softrig_cli::batch::results::{Cells, columns};
+use softrig_cli::batch::{Batch as Plan, Settings, Summary, rows, table};
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError as Fault;
 use softrig_formats::own_effects::OwnEffects;
@@ -108,7 +108,7 @@ impl Batch {
     }
 }
 
-/// Diagnoses many cases, each into its own folder below `out`, as `rig diagnose --batch` does.
+/// Diagnoses many cases, each into its own folder below `out`, as `softrig diagnose --batch` does.
 ///
 /// `cases` is a manifest, or a list of dictionaries with its columns: case, model, recordings and,
 /// where they are needed, holdout, columns, units and setup, which are what `read` takes. `jobs`

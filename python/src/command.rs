@@ -1,12 +1,12 @@
-//! The `rig` command that the package installs.
+//! The `softrig` command that the package installs.
 
 use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
-/// Runs `rig` with the arguments of this process and returns its exit code.
+/// Runs `softrig` with the arguments of this process and returns its exit code.
 #[pyfunction]
-#[pyo3(name = "_rig")]
+#[pyo3(name = "_command")]
 pub fn rig(py: Python<'_>) -> PyResult<u8> {
     let arguments: Vec<OsString> = py.import("sys")?.getattr("argv")?.extract()?;
     // Python only notes Ctrl-C, for when it gets a word again. The command listens itself where a
@@ -14,5 +14,5 @@ pub fn rig(py: Python<'_>) -> PyResult<u8> {
     let signal = py.import("signal")?;
     let default = signal.getattr("SIG_DFL")?;
     signal.call_method1("signal", (signal.getattr("SIGINT")?, default))?;
-    Ok(py.detach(|| host_tools::command::main(&arguments)))
+    Ok(py.detach(|| softrig_cli::command::main(&arguments)))
 }

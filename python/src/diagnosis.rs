@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use host_tools::cli::output::{self, FileKind, Output};
 use library::diagnose::verdict::{Verdict, schema};
 use library::diagnose::{Budget, Diagnosis as Found, Progress, Request, diagnose_from};
 use library::estimate::checkpoint::Checkpoint;
@@ -16,6 +15,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
+use softrig_cli::cli::output::{self, FileKind, Output};
 use softrig_formats::error::{InputError as Fault, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
@@ -107,7 +107,7 @@ impl Diagnosis {
         object(py, &verdict, &schema, &schema["$defs"])
     }
 
-    /// The verdict as `rig diagnose --json` writes it.
+    /// The verdict as `softrig diagnose --json` writes it.
     fn json(&self) -> PyResult<String> {
         let mut text = serde_json::to_string_pretty(&self.as_verdict()).map_err(defect)?;
         text.push('\n');
@@ -141,7 +141,7 @@ impl Diagnosis {
         write_atomically(&path, text.as_bytes()).or_raise(py)
     }
 
-    /// Draws measured, before and after: with a path as the SVG of `rig diagnose --plot`, without
+    /// Draws measured, before and after: with a path as the SVG of `softrig diagnose --plot`, without
     /// one on matplotlib's axes, an array with one a run.
     #[pyo3(signature = (path = None))]
     fn plot<'py>(
@@ -170,7 +170,7 @@ impl Diagnosis {
         Ok(None)
     }
 
-    /// The summary that `rig diagnose` prints.
+    /// The summary that `softrig diagnose` prints.
     fn __str__(&self) -> String {
         let nothing = Outputs::default();
         summary(&self.content, &nothing, self.seed, self.seconds).replace(KEEP, KEEP_HERE)

@@ -32,7 +32,7 @@ impl Example {
         self.recordings.clone()
     }
 
-    /// Writes model.toml, truth.toml and recordings/ into a folder, as `rig example` does.
+    /// Writes model.toml, truth.toml and recordings/ into a folder, as `softrig example` does.
     fn write(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
         self.inner.write(&folder).or_raise(py)
     }

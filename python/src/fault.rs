@@ -1,6 +1,6 @@
 //! Input errors as exceptions, and unusual inputs as warnings.
 //!
-//! The text is that of `rig`: the place, the problem and the advice. Its parts are attributes
+//! The text is that of `softrig`: the place, the problem and the advice. Its parts are attributes
 //! of the exception.
 
 use std::ffi::CString;

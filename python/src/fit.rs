@@ -3,7 +3,6 @@
 use std::num::NonZero;
 use std::sync::Arc;
 
-use host_tools::cli::fit::table;
 use library::diagnose::Progress;
 use library::diagnose::verdict::Zeros;
 use library::estimate::fit as fits;
@@ -11,6 +10,7 @@ use library::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use library::statistics::rms;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use softrig_cli::cli::fit::table;
 use softrig_formats::model_file::{ModelFile, parameter_unit, parameters, to_file_units};
 use softrig_formats::numbers::tidy;
 
@@ -259,7 +259,7 @@ impl Fit {
         axes::drawn(py, &curves, "fitted")
     }
 
-    /// The tables that `rig fit` prints.
+    /// The tables that `softrig fit` prints.
     fn __str__(&self) -> String {
         table(&self.given, &self.refit)
     }

@@ -1,8 +1,8 @@
-//! The Python package `softrig`: the `rig` command on NumPy arrays and pandas frames.
+//! The Python package `softrig`: the `softrig` command on NumPy arrays and pandas frames.
 //!
 //! Nothing is computed here. Each module converts Python objects to those of `softrig`, the library,
 //! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
-//! [`fit`], [`diagnosis`], [`batch`], [`measure`], [`analysis`], [`example`]; [`command`] is `rig` itself. They share the conversion of errors to exceptions
+//! [`fit`], [`diagnosis`], [`batch`], [`measure`], [`analysis`], [`example`]; [`command`] is `softrig` itself. They share the conversion of errors to exceptions
 //! ([`fault`]), of numbers ([`values`], [`frame`], [`axes`]), and long work without the interpreter's
 //! lock ([`work`]).
 //!

@@ -17,8 +17,8 @@ use crate::work::{self, Listener};
 
 /// The error of the board's own prediction, before and after an upload.
 ///
-/// The prediction is the column predicted_deg that `rig record` writes. The result is what
-/// `rig gap --json` writes.
+/// The prediction is the column predicted_deg that `softrig record` writes. The result is what
+/// `softrig gap --json` writes.
 #[pyfunction]
 #[pyo3(signature = (before, after = None))]
 pub fn gap<'py>(
@@ -41,7 +41,7 @@ pub fn gap<'py>(
 }
 
 /// The RMS error of each model against the mean of the repeats to each set-point, as a pandas
-/// frame with the columns that `rig compare -o` writes.
+/// frame with the columns that `softrig compare -o` writes.
 #[pyfunction]
 #[pyo3(signature = (models, recordings, *, linear = false))]
 pub fn compare<'py>(

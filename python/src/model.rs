@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use host_tools::cli::export::{Exported, Target, exported};
-use host_tools::cli::output::{self, FileKind, Output};
-use host_tools::export::Defaults;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use softrig_cli::cli::export::{Exported, Target, exported};
+use softrig_cli::cli::output::{self, FileKind, Output};
+use softrig_cli::export::Defaults;
 use softrig_formats::error::{InputError as Fault, write_atomically};
 use softrig_formats::model_file::{
     ModelFile, from_file_units, parameter_unit, parameters, to_file_units,
@@ -58,7 +58,7 @@ impl Model {
             .or_raise(py)
     }
 
-    /// Writes the model as a file of another tool, as `rig export` does: C (.c), Python (.py),
+    /// Writes the model as a file of another tool, as `softrig export` does: C (.c), Python (.py),
     /// MATLAB (.m), Modelica (.mo), or a functional mock-up unit (.fmu).
     fn export(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let outputs = [Output::of("export", FileKind::Code, Some(&path))];

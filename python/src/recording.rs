@@ -386,7 +386,7 @@ fn names_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Names
     Ok(names)
 }
 
-/// What the columns hold, by the keyword arguments that are named as the flags of `rig`.
+/// What the columns hold, by the keyword arguments that are named as the flags of `softrig`.
 fn columns_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Columns> {
     let mut columns = Columns::default();
     for (key, value) in given.into_iter().flatten() {

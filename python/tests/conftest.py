@@ -1,4 +1,4 @@
-"""What the tests share: an example on disk, its diagnosis, and the `rig` command."""
+"""What the tests share: an example on disk, its diagnosis, and the `softrig` command."""
 
 import json
 import os
@@ -62,7 +62,7 @@ class Rig:
 
 @pytest.fixture(scope="session")
 def rig() -> Rig:
-    program = os.environ.get("SOFTRIG_RIG")
+    program = os.environ.get("SOFTRIG_COMMAND")
     if program is None:
-        pytest.skip("SOFTRIG_RIG does not name the rig command")
+        pytest.skip("SOFTRIG_COMMAND does not name the softrig command")
     return Rig(program)

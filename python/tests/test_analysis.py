@@ -67,7 +67,7 @@ def test_a_functional_mockup_unit_moves_as_the_model_does(effect: str, tmp_path:
     unit = tmp_path / "finger.fmu"
     model.export(unit)
     assert validate_fmu(str(unit)) == []
-    # The file that the test of exports compares with `rig simulate`.
+    # The file that the test of exports compares with `softrig simulate`.
     model.export(tmp_path / "reference.py")
     reference = module(tmp_path / "reference.py")
     time_s = np.arange(0.0, 8.0, 0.01)
@@ -164,9 +164,9 @@ def test_fits_are_printed_and_drawn(
 
 
 def test_the_package_installs_the_command(folder: Path) -> None:
-    command = Path(sys.executable).with_name("rig")
+    command = Path(sys.executable).with_name("softrig")
     done = subprocess.run([command, "--version"], capture_output=True, text=True)
-    assert done.stdout.strip() == f"rig {softrig.__version__}", done
+    assert done.stdout.strip() == f"softrig {softrig.__version__}", done
     done = subprocess.run([command, "fit"], capture_output=True, text=True)
     assert done.returncode == 2 and "<REC.csv>" in done.stderr
     done = subprocess.run(

@@ -30,7 +30,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_batch_is_that_of_the_command(rig: Rig, cases: Path, tmp_path: Path) -> None:
-    done = rig("diagnose", "--batch", cases, "-o", tmp_path / "rig")
+    done = rig("diagnose", "--batch", cases, "-o", tmp_path / "softrig")
     assert done.returncode == 1
     said: list[softrig.Progress] = []
     with pytest.warns(softrig.InputWarning, match="1 of 3 cases could not be diagnosed"):
@@ -39,7 +39,7 @@ def test_a_batch_is_that_of_the_command(rig: Rig, cases: Path, tmp_path: Path) -
     assert [row["status"] for row in found.rows] == ["diagnosed", "failed", "diagnosed"]
     assert "gone.csv" in str(found.rows[1]["error"])
 
-    expected = pd.read_parquet(tmp_path / "rig" / "results.parquet")
+    expected = pd.read_parquet(tmp_path / "softrig" / "results.parquet")
     written = pd.read_parquet(tmp_path / "python" / "results.parquet")
     pd.testing.assert_frame_equal(plain(found.to_pandas()), plain(written))
     assert plain(written).to_dict("records") == found.rows
@@ -48,8 +48,8 @@ def test_a_batch_is_that_of_the_command(rig: Rig, cases: Path, tmp_path: Path) -
     pd.testing.assert_frame_equal(written.drop(columns=differ), expected.drop(columns=differ))
     assert found.to_pandas()["rmse_refit_deg"].dtype == float
     for name in ["one/verdict.json", "three/repaired.toml"]:
-        of_rig, of_python = [(tmp_path / by / name).read_text() for by in ["rig", "python"]]
-        assert without_time(of_rig) == without_time(of_python)
+        of_softrig, of_python = [(tmp_path / by / name).read_text() for by in ["softrig", "python"]]
+        assert without_time(of_softrig) == without_time(of_python)
 
     assert {progress.planned for progress in said} <= {0, 3}
     assert any(" of 3 cases, " in progress.line for progress in said)

@@ -3,7 +3,7 @@
 Usage: black_box.py --fit RUN.csv … --holdout RUN.csv … [--json OUT.json]
        black_box.py --self-check
 
-What `rig diagnose` has to be compared with: a model without any physics, whose
+What `softrig diagnose` has to be compared with: a model without any physics, whose
 orders are chosen on the fitted recordings alone. Both models are judged by free-run
 simulation of the validation recordings, from as many measured samples as their
 order. Errors are RMS in degrees, at the times of the recorded samples.
@@ -50,10 +50,10 @@ REFINE_STEPS = 12
 # diverged.
 DIVERGED = 20.0
 # Prior standard deviations of what may be estimated on a validation recording. The zeros
-# of the sensors as in `rig` (kPa, degrees); the start's angle (degrees) and rate
+# of the sensors as in `softrig` (kPa, degrees); the start's angle (degrees) and rate
 # (degrees/s) are as good as free.
 FREEDOM_SD = (0.5, 2.0, 1e3, 1e4)
-# A zero lies within so many standard deviations, as in `rig`.
+# A zero lies within so many standard deviations, as in `softrig`.
 FARTHEST = 3.0
 
 
@@ -445,7 +445,7 @@ def narx(runs):
 
 def with_freedom(model, holdout):
     """The RMS error with zeros and start estimated on each validation recording: what
-    `rig diagnose` does with the models that it judges."""
+    `softrig diagnose` does with the models that it judges."""
     prior_sd = np.array(FREEDOM_SD)
     step = np.array([0.05, 0.05, 0.05, 0.05])
     wall = np.array([FARTHEST * FREEDOM_SD[0], FARTHEST * FREEDOM_SD[1], np.inf, np.inf])

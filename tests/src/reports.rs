@@ -104,7 +104,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         recordings.iter().map(|run| run.path.clone()).collect()
     };
     let (fitted, held_out) = (paths(&case.recordings), paths(&case.holdout));
-    let command = "rig diagnose --model model.toml".to_owned();
+    let command = "softrig diagnose --model model.toml".to_owned();
     let provenance = Provenance::of(&case.file.path, None, &fitted, &held_out, command).unwrap();
     let content = Content::of(&request, diagnosis);
     let with = |seconds| page(&request, diagnosis, &content, &provenance, seconds).unwrap();

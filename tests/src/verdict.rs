@@ -1,4 +1,4 @@
-//! What `rig diagnose --json` says, as far as tables and summaries show it.
+//! What `softrig diagnose --json` says, as far as tables and summaries show it.
 //!
 //! Names stand in the order of the file, the first one first. To compare an answer with
 //! another, or with the truth, see [`Answer`](crate::invariance::answer::Answer).
@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use crate::invariance::answer::Kinds;
 
-/// A verdict. All but the first field may be absent: older and newer versions of `rig` write
+/// A verdict. All but the first field may be absent: older and newer versions of `softrig` write
 /// other fields.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct Verdict {

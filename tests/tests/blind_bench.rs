@@ -549,7 +549,7 @@ fn the_bench_shares_no_code_with_the_tool() {
         include_str!("../src/blind/bench/instruments.rs"),
         include_str!("../src/blind/bench/cases.rs"),
     ] {
-        for crate_name in ["model_core", "host_tools", "firmware::", "wire::"] {
+        for crate_name in ["model_core", "softrig_cli", "firmware::", "wire::"] {
             assert!(!text.contains(crate_name), "{crate_name}");
         }
         for line in text.lines().filter(|line| line.contains("softrig")) {

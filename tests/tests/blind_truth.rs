@@ -416,7 +416,7 @@ fn the_simulator_shares_no_code_with_the_tool() {
         ),
         ("refit.rs", include_str!("../src/blind/refit.rs")),
     ] {
-        for crate_name in ["model_core", "host_tools", "softrig", "firmware", "wire::"] {
+        for crate_name in ["model_core", "softrig_cli", "softrig", "firmware", "wire::"] {
             assert!(!text.contains(crate_name), "{name} mentions {crate_name}");
         }
     }
@@ -425,7 +425,7 @@ fn the_simulator_shares_no_code_with_the_tool() {
         include_str!("../src/blind/cases.rs"),
         include_str!("../src/blind/sensors.rs"),
     ] {
-        assert!(!text.contains("model_core") && !text.contains("host_tools"));
+        assert!(!text.contains("model_core") && !text.contains("softrig_cli"));
         for line in text.lines().filter(|line| line.contains("softrig")) {
             assert!(
                 line.contains("softrig_formats::error")

@@ -250,7 +250,7 @@ fn rigs_of_every_kind_are_identified_from_any_first_model() {
         let left = first.evidence.unwrap().rms / noise;
         assert!(
             left < AS_GOOD,
-            "{name}: rig init leaves {left} times the noise"
+            "{name}: softrig init leaves {left} times the noise"
         );
     }
 }

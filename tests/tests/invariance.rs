@@ -32,7 +32,7 @@ use softrig_tests::invariance::ways::Way;
 /// Ways that must not change any answer. With the order, the seed changes as well: whatever
 /// depends on either of them shows.
 const EXACT: [Way; 2] = [Way::Order, Way::Units];
-/// A way that may, and must not contradict it. `rig init` has no place here: it frees the
+/// A way that may, and must not contradict it. `softrig init` has no place here: it frees the
 /// exponent of every actuator, which the models of these cases fix.
 const REPORTED: [Way; 1] = [Way::Times3];
 
@@ -92,7 +92,7 @@ fn cases(folder: &Path) -> Vec<Case> {
     names.iter().map(read).collect()
 }
 
-/// Diagnoses as `rig diagnose` does.
+/// Diagnoses as `softrig diagnose` does.
 fn ask(question: &Question) -> Result<Answer, InputError> {
     let file = ModelFile::read(&question.model)?;
     let layout = Layout::from(question.units.unwrap_or_default()).or(&file.recording);

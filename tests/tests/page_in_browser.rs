@@ -17,10 +17,10 @@ use headless_chrome::protocol::cdp::Browser::{
     SetDownloadBehavior, SetDownloadBehaviorBehaviorOption,
 };
 use headless_chrome::protocol::cdp::Emulation::SetEmulatedMedia;
-use host_tools::cli::diagnose;
 use model_core::catalogue::Kind;
 use serde_json::{Value, json};
 use softrig::synth::example::{Example, Hidden, NOISE_DEG, make};
+use softrig_cli::cli::diagnose;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 use softrig_tests::browser::{Page, browser};

@@ -1,4 +1,4 @@
-//! The page that `rig diagnose --report` writes, read back by a parser: every
+//! The page that `softrig diagnose --report` writes, read back by a parser: every
 //! verdict makes a whole page, nothing is loaded from elsewhere, and names of
 //! files stay text. What it looks like is seen in `report_in_browser.rs`.
 
@@ -165,7 +165,7 @@ fn names_of_files_and_models_stay_text() {
         if report.answer == Answer::CannotTell {
             let command = text(all(&page, "pre.command")[0]);
             assert!(
-                command.contains("rig plan --model ")
+                command.contains("softrig plan --model ")
                     && command.contains(" --between quadratic_damping,angle_dependent_damping "),
                 "{command}"
             );

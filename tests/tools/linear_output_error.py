@@ -7,7 +7,7 @@ every sample of every recording weighted equally), the linear model
     first order     tau a' + a = g p + d               up to the integrator a' = g p + d
 
 with angle a (degrees), pressure p (kPa) and a constant offset d. It answers one
-question: can a linear model follow this rig better than `rig init` or `rig fit` did?
+question: can a linear model follow this rig better than `softrig init` or `softrig fit` did?
 It is independent of softrig: another language, no code in common, no first guess (the
 numbers of model.toml are not used), exact discretisation instead of integration, and a
 search over all time scales and damping ratios instead of a descent from one model. For

@@ -44,7 +44,7 @@ async function answer({ question, file }) {
   const json = new TextEncoder().encode(JSON.stringify(question));
   const bytes = json.length + (file ? file.byteLength : 0);
   const room = wasm.room(bytes);
-  if (room === 0) return { fault: { text: "The memory of this page is too small for the file. Split the recording, or keep every tenth row; the command rig has the memory of the whole computer." } };
+  if (room === 0) return { fault: { text: "The memory of this page is too small for the file. Split the recording, or keep every tenth row; the command softrig has the memory of the whole computer." } };
   const into = new Uint8Array(wasm.memory.buffer, room, bytes);
   into.set(json);
   if (file) into.set(new Uint8Array(file), json.length);
@@ -62,7 +62,7 @@ async function reply(data) {
     // a word; a defect says what it is.
     const text = said || !(error instanceof WebAssembly.RuntimeError || error instanceof RangeError)
       ? "This is a defect of softrig, not of your files. Please report it with this sentence: " + (said || error)
-      : "This was too much for the memory of this page. Take shorter recordings, or fewer at a time; the command rig has the memory of the whole computer.";
+      : "This was too much for the memory of this page. Take shorter recordings, or fewer at a time; the command softrig has the memory of the whole computer.";
     postMessage({ id: data.id, fault: { text }, dead: true });
   }
 }

@@ -130,7 +130,7 @@ impl Said {
     }
 }
 
-/// The flags of `rig` that say the same.
+/// The flags of `softrig` that say the same.
 fn flags(layout: &Layout) -> String {
     let named: Vec<String> = Quantity::ALL
         .into_iter()
@@ -526,7 +526,7 @@ impl Desk {
             let names = all.iter().map(|held| quoted(&held.name()));
             names.fold(String::new(), |before, name| before + " " + &name)
         };
-        let mut command = "rig diagnose".to_owned();
+        let mut command = "softrig diagnose".to_owned();
         for (flag, held) in [("--model", &self.model), ("--effects", &self.effects)] {
             if let Some(held) = held {
                 command += &format!(" {flag} {}", quoted(&held.name()));
@@ -717,7 +717,7 @@ mod tests {
         assert_eq!(verdict["recordings"][2], "step60_1.csv");
         let report = answer["report"].as_str().unwrap();
         assert!(report.contains(
-            "rig diagnose --model model.toml step30_1.csv step90_1.csv --holdout step60_1.csv \
+            "softrig diagnose --model model.toml step30_1.csv step90_1.csv --holdout step60_1.csv \
              --units pressure=kpa --tolerance 0.25 --seed 7 --report report.html"
         ));
     }

@@ -59,9 +59,9 @@ macro_rules! refusals {
 
 refusals! {
     /// No such command, or not these arguments.
-    Unknown = 1, "the board does not know this command: do the firmware and `rig` match?";
+    Unknown = 1, "the board does not know this command: do the firmware and `softrig` match?";
     /// The line has no checksum and asks for more than a look.
-    Unsealed = 2, "commands that move or change something need a checksum: use `rig`";
+    Unsealed = 2, "commands that move or change something need a checksum: use `softrig`";
     /// Not in this state.
     NotNow = 3, "not in this state: stop what is running first, arm the rig, or wait some seconds after an upload or a reset";
     /// A fault is latched.
@@ -86,7 +86,7 @@ refusals! {
     Nothing = 13, "nothing is stored under this number";
     /// The largest volume is beyond the stroke that was measured, or beyond the smallest one where
     /// none was.
-    BeyondStroke = 14, "max.ul exceeds the stroke between the end switches, or 50 ml as long as it was not measured with this ul.step: ask for less, or measure it with `rig commission --only stroke`";
+    BeyondStroke = 14, "max.ul exceeds the stroke between the end switches, or 50 ml as long as it was not measured with this ul.step: ask for less, or measure it with `softrig commission --only stroke`";
     /// The supply is too low to move anything.
     LowSupply = 15, "the board's supply is below 4.5 V: use another cable or port, or give the Mega 7 to 9 V of its own, and nothing else from its 5 V";
 }

@@ -1,6 +1,6 @@
 //! The stamp in an image, by which a board and its programmer know whether it was written whole.
 //!
-//! The build writes it, the board compares it with its flash, and `rig flash` compares it with what
+//! The build writes it, the board compares it with its flash, and `softrig flash` compares it with what
 //! the board then says. This file stands alone: the build takes it as it is.
 
 /// How the place of the stamp is found: what stands before it.

@@ -199,9 +199,9 @@ impl fmt::Display for TelemetryError {
         match self {
             Self::Line(error) => error.fmt(f),
             Self::OtherLine => f.write_str("expected a line that starts with `T `"),
-            Self::Malformed => {
-                f.write_str("unknown fields in a telemetry line: do the firmware and `rig` match?")
-            }
+            Self::Malformed => f.write_str(
+                "unknown fields in a telemetry line: do the firmware and `softrig` match?",
+            ),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Benchmarks: our solver and SciPy's, our firmware and plain C. What reads results of `rig`
+//! Benchmarks: our solver and SciPy's, our firmware and plain C. What reads results of `softrig`
 //! is a program of the tests crate, and is built and started here.
 
 use std::{
@@ -45,7 +45,7 @@ pub struct Program {
     name: &'static str,
     /// Options that say where its files are, with folders in the one that cargo builds into.
     folders: &'static [(&'static str, &'static str)],
-    /// Whether it asks `rig`.
+    /// Whether it asks `softrig`.
     asks: bool,
 }
 
@@ -137,14 +137,14 @@ pub fn program(name: &str) -> Option<&'static Program> {
 }
 
 impl Program {
-    /// Builds the program and starts it with these options; `--rig` takes another `rig` than the
+    /// Builds the program and starts it with these options; `--softrig` takes another `softrig` than the
     /// one of this source.
     pub fn start(&self, name: &str, options: &[&str]) -> Outcome {
         let target = target_dir().join("release");
         let mut build = release_build();
         build.args(["-q", "-p", "softrig-tests", "--bin", self.name]);
-        if self.asks && !options.iter().any(|option| option.starts_with("--rig")) {
-            build.args(["-p", "host-tools", "--bin", "rig"]);
+        if self.asks && !options.iter().any(|option| option.starts_with("--softrig")) {
+            build.args(["-p", "softrig-cli"]);
         }
         let plays = ["decide", "loop"].contains(&name);
         if plays {
@@ -171,7 +171,7 @@ impl Program {
     fn command(&self, built: &Path) -> Command {
         let mut command = Command::new(built.join(self.name));
         if self.asks {
-            command.arg("--rig").arg(built.join("rig"));
+            command.arg("--softrig").arg(built.join("softrig"));
         }
         for (option, folder) in self.folders {
             command.arg(option).arg(target_dir().join(folder));

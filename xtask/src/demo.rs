@@ -47,10 +47,10 @@ pub fn demo(options: &[&str]) -> Outcome {
     steps.step("set-up", || setup::setup(Purpose::Demo, Mode::Install))?;
     let mut demo = Command::new(release.join("demo"));
     steps.step(
-        "build the rig command, the simulator and the firmware",
+        "build the softrig command, the simulator and the firmware",
         || {
             run(release_build()
-                .args(["-p", "host-tools", "--bin", "rig"])
+                .args(["-p", "softrig-cli"])
                 .args(["-p", "virtual-rig", "--bin", "virtual-rig"])
                 .args(["-p", "softrig-tests", "--bin", "demo"])
                 // Without bags and the live stream, which nobody waits for here.
@@ -62,8 +62,8 @@ pub fn demo(options: &[&str]) -> Outcome {
             Ok(())
         },
     )?;
-    demo.arg("--rig")
-        .arg(release.join("rig"))
+    demo.arg("--softrig")
+        .arg(release.join("softrig"))
         .arg("--simulator")
         .arg(release.join("virtual-rig"));
     let Some(place) = options.iter().position(|option| *option == "--cast") else {

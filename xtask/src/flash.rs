@@ -1,4 +1,4 @@
-//! Builds the image and writes it to a board, with `rig flash`.
+//! Builds the image and writes it to a board, with `softrig flash`.
 
 use std::process::Command;
 
@@ -47,10 +47,10 @@ pub fn flash(options: Options<'_>) -> Outcome {
     avr::gates(&image)?;
     avr::print_size(&image)?;
     run(cargo()
-        .args(["build", "-q", "--release", "--locked", "-p", "host-tools"])
+        .args(["build", "-q", "--release", "--locked", "-p", "softrig-cli"])
         // Without bags and the live stream, of which no board knows.
-        .args(["--bin", "rig", "--no-default-features"]))?;
-    let rig = target_dir().join("release/rig");
+        .args(["--bin", "softrig", "--no-default-features"]))?;
+    let rig = target_dir().join("release/softrig");
     let mut write = Command::new(&rig);
     write.args(["flash", "--port", options.port]);
     write.arg(avr::hex(&image));

@@ -66,7 +66,7 @@ Tasks:
   bench many [--docs]    one diagnosis of 10 to 1000 recordings: time and
                          memory; --docs draws docs/images/many_recordings.svg
   bench commands [--docs]
-                         how long each subcommand of `rig` takes on recordings of
+                         how long each subcommand of `softrig` takes on recordings of
                          an example; --docs writes it into docs/benchmarks.md
   bench blind [--fast | OPTIONS]
                          effects hidden in recordings of another simulator;
@@ -77,7 +77,7 @@ Tasks:
                          (half the cores); --docs writes docs/loop.md
   bench decide --seeds A..B [--only KIND,…] [--jobs N] [--docs]
                          for every effect: one session, then the experiments
-                         that `rig next` makes; --docs writes docs/decide.md
+                         that `softrig next` makes; --docs writes docs/decide.md
   bench invariance [OPTIONS]
                          the same question asked otherwise (another seed, order,
                          first model, …): is the answer the same? Needs no labels;
@@ -85,10 +85,10 @@ Tasks:
   bench calibration [OPTIONS]
                          of what is stated with 95 %, how much is right? On
                          drawn cases; --docs writes it into docs/diagnosis.md
-  bench real [--only NAME,…] [--docs] [--rig PROGRAM]
+  bench real [--only NAME,…] [--docs] [--softrig PROGRAM]
                          recordings of eight real rigs: the diagnosis beside
-                         black boxes; --docs writes docs/real.md; --rig takes
-                         another `rig` than the one of this source
+                         black boxes; --docs writes docs/real.md; --softrig takes
+                         another `softrig` than the one of this source
   soak [--hours H] [--seed N]
                          the image on the simulated rig at full speed: random
                          protocols, faults, pulled cables and resets; what is
@@ -101,7 +101,7 @@ Tasks:
                          put the image on a board and show what it says
   dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-web] [--no-wheel]
        [--dry-run]
-                         a release in target/dist: static `rig`, the image,
+                         a release in target/dist: static `softrig`, the image,
                          completions, manual pages, licences and checksums in one archive,
                          tried where there is nothing else; beside it the wheel
                          of the Python package, the page, and what --with names

@@ -72,7 +72,7 @@ pub fn test(ray: Ray) -> Outcome {
     // With the features of the wheel: its libraries are compiled already.
     run(cargo()
         .args(["build", "-q", "--locked", "-p", "softrig-python"])
-        .args(["-p", "host-tools", "--bin", "rig"]))?;
+        .args(["-p", "softrig-cli"]))?;
     let python = environment(&folder.join("tests"), &requirements("tests.txt"))?;
     install(&python, &wheel, &["--force-reinstall", "--no-deps"])?;
     if ray == Ray::Installed {
@@ -88,7 +88,7 @@ pub fn test(ray: Ray) -> Outcome {
         let mut command = Command::new(&python);
         command
             .current_dir(root().join("python"))
-            .env("SOFTRIG_RIG", target_dir().join("debug/rig"))
+            .env("SOFTRIG_COMMAND", target_dir().join("debug/softrig"))
             // Nothing is left among the sources.
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .args(["-m", module]);

@@ -315,7 +315,7 @@ fn a_fault_and_questions_about_it_leave_room_for_telemetry() {
         for period in 0..400 {
             let remarks = rig.remarks.len();
             rig.tick();
-            // More often than `rig` ever asks.
+            // More often than `softrig` ever asks.
             if period % 4 == phase {
                 waiting += rig.say("status").len();
             }

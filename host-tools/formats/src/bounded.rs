@@ -32,7 +32,7 @@ pub struct Limits {
 
 impl Limits {
     /// For a recording: a rig at 100 Hz for eleven hours, or one at 1 kHz for more than an
-    /// hour, with the ten columns of `rig record` and a hundred bytes a row.
+    /// hour, with the ten columns of `softrig record` and a hundred bytes a row.
     pub const RECORDING: Self = Self {
         bytes: 512 * MIB,
         row_bytes: MIB,

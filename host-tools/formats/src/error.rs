@@ -233,7 +233,7 @@ impl Place {
             _ => Path::new("."),
         };
         tempfile::Builder::new()
-            .prefix(".rig-")
+            .prefix(".softrig-")
             .tempfile_in(folder)
             // The kind alone: the message has the temporary file's name in it.
             .map_err(|error| not_written(path, &io::Error::from(error.kind())))

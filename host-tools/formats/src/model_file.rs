@@ -77,7 +77,7 @@ pub struct KnownRange {
 /// Material and dimensions of the actuator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActuatorSection {
-    /// Name of the material as in `rig materials list`.
+    /// Name of the material as in `softrig materials list`.
     pub material: String,
     /// Length of the bending part (m).
     pub length_m: f64,
@@ -318,7 +318,9 @@ struct ModelReader<'a> {
 
 impl ModelReader<'_> {
     fn read(&self) -> Result<ModelFile, InputError> {
-        let document = self.toml.document("let `rig init` write a first model")?;
+        let document = self
+            .toml
+            .document("let `softrig init` write a first model")?;
         let root = document.as_table();
         self.toml.known_keys(
             root,
@@ -935,7 +937,7 @@ fn material_span(root: &Table) -> Option<std::ops::Range<usize>> {
 fn material_to_write(name: &str) -> String {
     let near = like(name);
     if near.is_empty() {
-        return "write a name of `rig materials list`".to_owned();
+        return "write a name of `softrig materials list`".to_owned();
     }
     let names: Vec<String> = near.iter().map(|it| format!("\"{}\"", it.name)).collect();
     format!("write {} if that is meant", names.join(" or "))
@@ -1219,7 +1221,7 @@ forces_n = [
         let other = parse(&derived.replace("Dragon Skin 20", "ecoflex 0030")).unwrap();
         assert!((other.model.dynamics().exponent - 1.613).abs() < 1e-12);
         for (name, advice) in [
-            ("Play-Doh", "rig materials list"),
+            ("Play-Doh", "softrig materials list"),
             ("Dragon Skn 20", "write \"Dragon Skin 20\""),
         ] {
             let message = parse(&derived.replace("Dragon Skin 20", name))

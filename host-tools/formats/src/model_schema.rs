@@ -37,7 +37,7 @@ pub fn schema() -> Value {
                 "description": "Material and dimensions, from which missing numbers are taken",
                 "additionalProperties": false,
                 "properties": {
-                    "material": { "type": "string", "description": "A name of `rig materials list`" },
+                    "material": { "type": "string", "description": "A name of `softrig materials list`" },
                     "length_m": { "type": "number", "exclusiveMinimum": 0.0 },
                     "width_m": { "type": "number", "exclusiveMinimum": 0.0 },
                     "height_m": { "type": "number", "exclusiveMinimum": 0.0 },

@@ -1,7 +1,7 @@
 //! Effects with the user's own formulas: `[[effect]]` with `kind = "custom"`.
 //!
 //! Such an effect is in a model file, with the values of its parameters, or in a file of
-//! effects for `rig diagnose --effects`, with their initial guesses. The keys are the same:
+//! effects for `softrig diagnose --effects`, with their initial guesses. The keys are the same:
 //!
 //! ```toml
 //! [[effect]]
@@ -57,7 +57,7 @@ const TEXT: &str = "An effect by a formula of your own, in which th is the bendi
                     w its rate (rad/s), p the gauge pressure in the chamber (kPa) and t the time \
                     in the session (s).";
 
-/// A file of effects, which `rig diagnose` tries beside the catalogue.
+/// A file of effects, which `softrig diagnose` tries beside the catalogue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct OwnEffects {
     /// Where it was read from.

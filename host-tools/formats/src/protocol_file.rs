@@ -1,4 +1,4 @@
-//! Files of test protocols for the board, written by users and `rig plan`.
+//! Files of test protocols for the board, written by users and `softrig plan`.
 //!
 //! A file lists segments as in [`wire::protocol::Segment`], with units in the names
 //! of the keys. Errors are reported with line and column before anything is sent to a

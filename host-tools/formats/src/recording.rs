@@ -175,7 +175,7 @@ impl Meta {
     }
 }
 
-/// A date may stand in quotes, as `rig record` writes it, or as TOML's own.
+/// A date may stand in quotes, as `softrig record` writes it, or as TOML's own.
 fn text_or_date<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
     Ok(match toml::Value::deserialize(from)? {
         toml::Value::String(text) => Some(text),
@@ -449,7 +449,7 @@ impl Recording {
     }
 }
 
-/// What `rig record` leaves beside a recording and is none: the end of its name, and what it is. A
+/// What `softrig record` leaves beside a recording and is none: the end of its name, and what it is. A
 /// shell's `*.csv` finds them too.
 const SIDE_FILES: [(&str, &str); 2] = [
     (

@@ -186,7 +186,7 @@ impl Zeros {
                     InputError::new(
                         format!("{} would be {value}", key_text(key)),
                         format!(
-                            "the board takes {low} to {high} {}: calibrate the sensor anew with `rig calibrate`",
+                            "the board takes {low} to {high} {}: calibrate the sensor anew with `softrig calibrate`",
                             key.unit()
                         ),
                     )
@@ -221,7 +221,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Assignment>, InputError> {
         let key = Key::parse(name.as_bytes()).ok_or_else(|| {
             fault(
                 format!("there is no setting {name}"),
-                "`rig upload --read` prints all that there are".into(),
+                "`softrig upload --read` prints all that there are".into(),
             )
         })?;
         assignments.push((key, bits_of(key, name, item, fault)?));
@@ -230,7 +230,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Vec<Assignment>, InputError> {
     if assignments.is_empty() {
         return Err(toml.fail(
             "has no settings",
-            "write lines like max.kpa = 150.0; `rig upload --read` prints all",
+            "write lines like max.kpa = 150.0; `softrig upload --read` prints all",
         ));
     }
     Ok(assignments)

@@ -127,7 +127,7 @@ impl Setup {
         }
     }
 
-    /// The option of `rig record` that says it, with a blank before; empty where there is
+    /// The option of `softrig record` that says it, with a blank before; empty where there is
     /// nothing to say.
     pub fn option(&self) -> String {
         match self.to_string().as_str() {

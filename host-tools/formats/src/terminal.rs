@@ -2,7 +2,7 @@
 //!
 //! A file name, a column header, a name in a model or a line from a board can contain control
 //! characters: they move the cursor, change the title, hide earlier output, or reverse the
-//! direction of a line. So all output of `rig` goes through [`print()`] or [`remark`], which
+//! direction of a line. So all output of `softrig` goes through [`print()`] or [`remark`], which
 //! print such characters as text. Lints of the library forbid other ways.
 
 use std::borrow::Cow;
@@ -55,7 +55,7 @@ pub fn printable_line(text: &str) -> Cow<'_, str> {
 ///
 /// # Errors
 ///
-/// Passes on that the reader has seen enough (`rig schema | head -1`), at which
+/// Passes on that the reader has seen enough (`softrig schema | head -1`), at which
 /// `println!` would panic; `main` takes it for success.
 pub fn print(text: &str) -> std::io::Result<()> {
     print_own(&printable(text))

@@ -72,7 +72,7 @@ impl Reader<'_> {
         Err(self.fail_at(
             item.span(),
             format!("schema is {}", item.to_string().trim()),
-            format!("this version of rig reads schema {version}: use the version that wrote the file, or correct the number"),
+            format!("this version of softrig reads schema {version}: use the version that wrote the file, or correct the number"),
         ))
     }
 

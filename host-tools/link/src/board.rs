@@ -247,7 +247,7 @@ impl Link {
                 State::Idle if left_idle => {
                     return Err(self.late(
                         "the board stopped homing without a fault",
-                        "see `rig monitor`, and arm again",
+                        "see `softrig monitor`, and arm again",
                     ));
                 }
                 State::Idle | State::Running => {}

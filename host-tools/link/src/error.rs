@@ -1,4 +1,4 @@
-//! Errors of the link between `rig` and a board, with advice.
+//! Errors of the link between `softrig` and a board, with advice.
 
 use wire::fault::Fault;
 use wire::reply::{Refusal, VERSION};
@@ -18,7 +18,7 @@ pub enum LinkError {
     Open(#[from] InputError),
     /// The port is open and nothing comes.
     #[error(
-        "{port}: not a byte came in {seconds:.1} s; check that the board has power, and flash the firmware with `rig flash --port {port}`"
+        "{port}: not a byte came in {seconds:.1} s; check that the board has power, and flash the firmware with `softrig flash --port {port}`"
     )]
     Silent {
         /// The port.
@@ -28,7 +28,7 @@ pub enum LinkError {
     },
     /// Something comes, and it is not our firmware.
     #[error(
-        "{port}: {heard}, but no softrig firmware answered; check that this is the right port (`rig ports`), or flash the firmware with `rig flash --port {port}`"
+        "{port}: {heard}, but no softrig firmware answered; check that this is the right port (`softrig ports`), or flash the firmware with `softrig flash --port {port}`"
     )]
     NotSoftrig {
         /// The port.
@@ -40,7 +40,7 @@ pub enum LinkError {
     #[error(
         "{port}: the firmware speaks version {theirs} of the serial protocol and this rig version {VERSION}; {}",
         if *.theirs < VERSION {
-            "flash the firmware of this rig with `rig flash`"
+            "flash the firmware of this rig with `softrig flash`"
         } else {
             "update rig to the version of the firmware"
         }

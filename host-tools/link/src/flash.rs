@@ -148,7 +148,7 @@ pub enum FlashError {
     Open(#[from] InputError),
     /// No bootloader answered.
     #[error(
-        "{port}: no bootloader answered within {} s; nothing was written. Is it the board's port (`rig ports`)? Press its reset button while this command waits; a board without bootloader needs one (Arduino IDE: Tools, Burn Bootloader)",
+        "{port}: no bootloader answered within {} s; nothing was written. Is it the board's port (`softrig ports`)? Press its reset button while this command waits; a board without bootloader needs one (Arduino IDE: Tools, Burn Bootloader)",
         SEARCH.as_secs()
     )]
     NoBootloader {

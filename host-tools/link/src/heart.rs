@@ -168,13 +168,13 @@ impl std::fmt::Display for Silence {
         if !self.unattended.is_zero() {
             write!(
                 f,
-                "rig stood still for {:.0} s and no longer told the board that it is alive; look whether the terminal was stopped (Ctrl-Q lets it go on) or the disk is slow, and record to a local disk",
+                "softrig stood still for {:.0} s and no longer told the board that it is alive; look whether the terminal was stopped (Ctrl-Q lets it go on) or the disk is slow, and record to a local disk",
                 self.unattended.as_secs_f64()
             )
         } else if too_long(self.longest) {
             write!(
                 f,
-                "rig was not run by this computer for {longest:.1} s, and the board waits {patience:.1} s; close other programs, start rig with `sudo` or the right to real-time priority (rtprio in /etc/security/limits.conf), or let the board wait longer (beat.s, with `rig upload --settings`)"
+                "softrig was not run by this computer for {longest:.1} s, and the board waits {patience:.1} s; close other programs, start softrig with `sudo` or the right to real-time priority (rtprio in /etc/security/limits.conf), or let the board wait longer (beat.s, with `softrig upload --settings`)"
             )
         } else if too_long(self.by_its_clock) {
             write!(
@@ -185,7 +185,7 @@ impl std::fmt::Display for Silence {
         } else {
             write!(
                 f,
-                "rig sent a sign of life at least every {longest:.2} s, and the board, which waits {patience:.1} s, did not hear them; check the cable and the hub it is in, and whether the computer was suspended"
+                "softrig sent a sign of life at least every {longest:.2} s, and the board, which waits {patience:.1} s, did not hear them; check the cable and the hub it is in, and whether the computer was suspended"
             )
         }
     }

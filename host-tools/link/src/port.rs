@@ -63,7 +63,7 @@ pub struct SerialConnector {
 }
 
 impl SerialConnector {
-    /// Names a port, as `rig ports` lists it.
+    /// Names a port, as `softrig ports` lists it.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into() }
     }
@@ -199,7 +199,7 @@ fn busy(name: &str, holders: &[Holder]) -> InputError {
         [] => (
             "another program has it open, and the system does not say which".to_owned(),
             format!(
-                "close the serial monitor, the plotter or the other rig that has it open; `sudo fuser -v {name}` names it on Linux"
+                "close the serial monitor, the plotter or the other softrig that has it open; `sudo fuser -v {name}` names it on Linux"
             ),
         ),
         [one] => (
@@ -231,7 +231,7 @@ pub const PERMISSION_ADVICE: &str = "join the group that owns serial ports: `sud
 fn ports_advice() -> String {
     let found = ports().unwrap_or_default();
     if found.is_empty() {
-        return "no serial port was found: plug the board in, or start `rig virtual`".into();
+        return "no serial port was found: plug the board in, or start `softrig virtual`".into();
     }
     let names: Vec<String> = found
         .iter()
@@ -416,9 +416,9 @@ mod tests {
             "{one}"
         );
         assert!(one.contains("kill 4711"), "{one}");
-        let two = say(&[holder(1, "rig"), holder(2, "screen")]);
+        let two = say(&[holder(1, "softrig"), holder(2, "screen")]);
         assert!(
-            two.contains("rig (process 1) and screen (process 2) have"),
+            two.contains("softrig (process 1) and screen (process 2) have"),
             "{two}"
         );
         assert!(say(&[]).contains("fuser -v /dev/ttyACM0"));

@@ -1,20 +1,41 @@
-//! `rig.toml`: what is known of the rig whose recordings a folder holds: its port, its model, and
+//! `softrig.toml`: what is known of the rig whose recordings a folder holds: its port, its model, and
 //! what was measured of its board.
 //!
-//! `rig commission` writes it into the folder in which it runs, and `rig record` reads it from
+//! `softrig commission` writes it into the folder in which it runs, and `softrig record` reads it from
 //! there. A clock names its board, so that that of one board never corrects the times of another.
 
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::terminal::remark;
 use toml::Spanned;
 
 use crate::port::{is_pseudo_terminal, ports};
 
 /// The file's usual name.
-pub const RIG_FILE: &str = "rig.toml";
+pub const RIG_FILE: &str = "softrig.toml";
+
+/// Its name before 0.1.0.
+const OLD_RIG_FILE: &str = "rig.toml";
+
+/// The file of the folder in which the command runs, under its old name where only that is there,
+/// with a remark.
+pub fn rig_file() -> &'static Path {
+    static TOLD: Once = Once::new();
+    let [new, old] = [RIG_FILE, OLD_RIG_FILE].map(Path::new);
+    if new.exists() || !old.exists() {
+        return new;
+    }
+    TOLD.call_once(|| {
+        remark(&format!(
+            "{OLD_RIG_FILE} is read: its name is {RIG_FILE} now, rename it."
+        ));
+    });
+    old
+}
 
 /// The farthest from 1 that a board's clock can be: a ceramic resonator has 0.5 %, and at 2 % the
 /// serial line would not work.
@@ -81,7 +102,8 @@ impl RigFile {
             return Ok(Some(model));
         }
         let found = format!("the model {} is not there", model.display());
-        let advice = "correct its name, or name another with --model; `rig init` makes a first one";
+        let advice =
+            "correct its name, or name another with --model; `softrig init` makes a first one";
         Err(InputError::new(found, advice)
             .in_file(path)
             .at_offset(&text, named.span().start))
@@ -93,8 +115,8 @@ impl RigFile {
     ///
     /// Names file, line, column and remedy.
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        const KEYS: &str = "its keys are schema = 1, port, model, board and [clock]; `rig commission --only clock` writes the last two anew";
-        const ADVICE: &str = "measure it again with `rig commission --only clock`, or delete [clock]: without it times are the board's";
+        const KEYS: &str = "its keys are schema = 1, port, model, board and [clock]; `softrig commission --only clock` writes the last two anew";
+        const ADVICE: &str = "measure it again with `softrig commission --only clock`, or delete [clock]: without it times are the board's";
         let file: Self = toml::from_str(text).map_err(|error| {
             let fault = InputError::new(error.message(), KEYS).in_file(path);
             match error.span() {
@@ -103,8 +125,8 @@ impl RigFile {
             }
         })?;
         if file.schema != 1 {
-            let found = format!("is of schema {}, and this rig reads 1", file.schema);
-            return Err(InputError::new(found, "update rig").in_file(path));
+            let found = format!("is of schema {}, and this softrig reads 1", file.schema);
+            return Err(InputError::new(found, "update softrig").in_file(path));
         }
         let found = match (&file.clock, &file.board) {
             (None, _) => return Ok(file),
@@ -127,7 +149,7 @@ impl RigFile {
     pub fn write(&self, path: &Path) -> Result<(), InputError> {
         // Plain values: nothing in it can fail to be written.
         let text = toml::to_string(self).unwrap_or_default();
-        let head = "# Measured by `rig commission`; `rig record` corrects the times of this board by it.\n# Commands take the port from here where neither --port nor RIG_PORT names one, and the model where\n# --model does not: model = \"model.toml\".\n";
+        let head = "# Measured by `softrig commission`; `softrig record` corrects the times of this board by it.\n# Commands take the port from here where neither --port nor SOFTRIG_PORT names one, and the model where\n# --model does not: model = \"model.toml\".\n";
         write_atomically(path, format!("{head}{text}").as_bytes())
     }
 }
@@ -185,7 +207,7 @@ mod tests {
         for (from, to, says) in [
             ("factor = 1.0043", "factor = 1.5", "1.5"),
             ("factor = 1.0043", "factor = nan", "NaN"),
-            ("schema = 1", "schema = 2", "update rig"),
+            ("schema = 1", "schema = 2", "update softrig"),
             ("factor = ", "faktor = ", "line"),
             ("board = ", "# board = ", "no board"),
         ] {
@@ -204,7 +226,7 @@ mod tests {
         std::fs::write(&path, "schema = 1\nmodel = \"models/m.toml\"\n").unwrap();
         let error = RigFile::find_model(&path).unwrap_err().to_string();
         for part in [
-            "rig.toml, line 2, column 9",
+            "softrig.toml, line 2, column 9",
             "m.toml is not there",
             "--model",
         ] {

@@ -1,6 +1,6 @@
 //! Materials: Ludwick's exponent before an actuator is moulded.
 //!
-//! `rig materials` has three sources: the paper's table, a tensile test ([`fit`]), and
+//! `softrig materials` has three sources: the paper's table, a tensile test ([`fit`]), and
 //! a data sheet ([`predictor`]). Several choices (stress and strain measure, range,
 //! residual, rows of the table) change the exponent by more than its standard error, so
 //! each of them is an argument and is printed with the result.

@@ -135,7 +135,7 @@ pub fn command_line() -> String {
     let arguments = std::env::args_os()
         .skip(1)
         .map(|argument| quoted(&argument.to_string_lossy()));
-    std::iter::once("rig".to_owned())
+    std::iter::once("softrig".to_owned())
         .chain(arguments)
         .collect::<Vec<_>>()
         .join(" ")

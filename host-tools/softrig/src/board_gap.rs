@@ -57,7 +57,7 @@ impl PredictedRun {
             .ok_or_else(|| {
                 InputError::new(
                     "has no column predicted_deg with numbers in it",
-                    "give recordings of `rig record`: the board logs its prediction in them",
+                    "give recordings of `softrig record`: the board logs its prediction in them",
                 )
                 .in_file(&recording.path)
             })?;
@@ -217,7 +217,7 @@ impl GapOf {
     }
 }
 
-/// The gap before and after an upload, as `rig gap --json` writes it.
+/// The gap before and after an upload, as `softrig gap --json` writes it.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct BoardGap {
     /// Version of the layout.

@@ -9,7 +9,7 @@
 //! Several files are separated by `;`. Paths are relative to the manifest. The column
 //! `holdout` is optional. The optional columns `columns` and `units` hold for one case, like
 //! `--columns` and `--units` on the command line, and `setup` says how the rig stood, like
-//! `--setup` of `rig record`, as far as the recordings' metadata do not. Further columns are
+//! `--setup` of `softrig record`, as far as the recordings' metadata do not. Further columns are
 //! ignored.
 
 use std::collections::HashSet;

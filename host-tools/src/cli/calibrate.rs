@@ -1,4 +1,4 @@
-//! `rig calibrate`: zero of the pressure sensor and table of the flex sensor.
+//! `softrig calibrate`: zero of the pressure sensor and table of the flex sensor.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, IsTerminal};
@@ -27,11 +27,11 @@ use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_te
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig calibrate --port /dev/ttyACM0
-  rig calibrate --port /dev/ttyACM0 --points 0,20,40,60,80,90 --lower-limits
-  rig calibrate --port /dev/ttyACM0 --assume bench.csv
+  softrig calibrate --port /dev/ttyACM0
+  softrig calibrate --port /dev/ttyACM0 --points 0,20,40,60,80,90 --lower-limits
+  softrig calibrate --port /dev/ttyACM0 --assume bench.csv
 
-On a simulated rig, type `bend 30` into the terminal of `rig virtual` to bend its
+On a simulated rig, type `bend 30` into the terminal of `softrig virtual` to bend its
 actuator to 30 degrees.
 
 --assume takes the table from a CSV file with the columns angle_deg and
@@ -108,7 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Err(link
             .late(
                 &format!("the board is {}", status.state.name()),
-                "calibrate at rest: stop it first (`rig monitor`, key s)",
+                "calibrate at rest: stop it first (`softrig monitor`, key s)",
             )
             .into());
     }
@@ -158,7 +158,8 @@ fn bend(args: &Args, link: &mut Link, operator: &mut Operator) -> anyhow::Result
     for &angle_deg in &args.points {
         let mut ask = format!("Bend the actuator to {angle_deg}° and press Enter");
         if is_simulated {
-            ask += &format!("; a simulated one with `bend {angle_deg}` where `rig virtual` runs");
+            ask +=
+                &format!("; a simulated one with `bend {angle_deg}` where `softrig virtual` runs");
         }
         let counts = operator.measure(link, &ask, |raw| raw.flex)?;
         let point = Point { angle_deg, counts };
@@ -521,7 +522,7 @@ fn check(link: &mut Link) -> Result<String, LinkError> {
                 angle.to_f32(),
                 pressure.to_f32()
             ),
-            None => "the board shows no reading: look at `rig monitor`\n".into(),
+            None => "the board shows no reading: look at `softrig monitor`\n".into(),
         },
     )
 }

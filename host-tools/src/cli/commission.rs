@@ -1,4 +1,4 @@
-//! `rig commission`: the acceptance test of a board and its rig.
+//! `softrig commission`: the acceptance test of a board and its rig.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, IsTerminal};
@@ -19,7 +19,7 @@ use crate::commission::{Answer, Hand, Interrupted, Operator, Plan, Session, Swit
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::terminal::remark;
 use softrig_link::commission::{Outcome, Result as Finding, Step};
-use softrig_link::rig_file::{RIG_FILE, board_name};
+use softrig_link::rig_file::{board_name, rig_file};
 use softrig_link::{Link, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Tests a new board and its rig, step by step, in some minutes.
@@ -31,14 +31,14 @@ use softrig_link::{Link, SerialConnector, Timing, is_pseudo_terminal};
 #[command(group(ArgGroup::new("rig_to_test").required(true).args(["port", "virtual_rig", "list"])))]
 #[command(after_help = "\
 Examples:
-  rig commission --list
-  rig commission --port /dev/ttyACM0 --report board.html --json board.json
-  rig commission --port /dev/ttyACM0 --only clock
-  rig commission --port /dev/ttyACM0 --skip relief --skip watchdog
-  rig commission --virtual --report practice.html
-  rig commission --virtual --fault leak
+  softrig commission --list
+  softrig commission --port /dev/ttyACM0 --report board.html --json board.json
+  softrig commission --port /dev/ttyACM0 --only clock
+  softrig commission --port /dev/ttyACM0 --skip relief --skip watchdog
+  softrig commission --virtual --report practice.html
+  softrig commission --virtual --fault leak
 
-The clock's factor goes into rig.toml, by which `rig record` corrects the times of this
+The clock's factor goes into softrig.toml, by which `softrig record` corrects the times of this
 board. Exit code: 0 nothing failed, 1 a step failed, 2 the test could not be made.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct Args {
@@ -72,9 +72,9 @@ pub struct Args {
     /// Write the result as a page that can be sent with a question
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// File that keeps the board's clock
-    #[arg(long, value_name = "RIG.toml", default_value = RIG_FILE)]
-    rig: PathBuf,
+    /// File that keeps the board's clock [default: softrig.toml]
+    #[arg(long, value_name = "RIG.toml")]
+    rig: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
 }
@@ -105,12 +105,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.list {
         return Ok(super::print(&list())?);
     }
+    let rig = args.rig.clone().unwrap_or_else(|| rig_file().to_owned());
     output::check(
         &[
             args.json.output(),
             Output::of("--report", FileKind::Page, args.report.as_ref()),
         ],
-        [&args.rig],
+        [&rig],
     )?;
     let interrupt = Interrupt::listen()?;
     let companion = args
@@ -137,7 +138,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .collect(),
         watch_s: args.seconds,
         at_full_speed: args.virtual_rig,
-        rig_file: args.rig.clone(),
+        rig_file: rig,
     };
     let mut session = Session::new(link, &mut terminal, plan);
     let outcome = session.run();
@@ -198,7 +199,9 @@ fn finish(args: &Args, report: &Report) -> anyhow::Result<()> {
 #[allow(clippy::needless_pass_by_value)] // For `map_err`.
 fn cannot(error: softrig_link::LinkError) -> anyhow::Error {
     let text = error.to_string();
-    let (found, advice) = text.rsplit_once("; ").unwrap_or((&text, "see `rig ports`"));
+    let (found, advice) = text
+        .rsplit_once("; ")
+        .unwrap_or((&text, "see `softrig ports`"));
     InputError::new(found, advice).into()
 }
 
@@ -218,7 +221,7 @@ struct Terminal {
     interrupt: Interrupt,
     companion: Option<Companion>,
     fault: Option<String>,
-    /// A rig of `rig virtual`, in another terminal.
+    /// A rig of `softrig virtual`, in another terminal.
     is_simulated: bool,
     /// Nobody is asked.
     is_alone: bool,
@@ -424,7 +427,7 @@ impl Operator for Terminal {
             Hand::Plug(switch) => format!("Plug the wire in again: {}", switch.name()),
         };
         if self.is_simulated {
-            text += &format!("; where `rig virtual` runs: `{}`", control_line(hand));
+            text += &format!("; where `softrig virtual` runs: `{}`", control_line(hand));
         }
         self.ask_person(&format!("  →  {text}  (s skips)"))
     }

@@ -1,4 +1,4 @@
-//! `rig compare`: the paper's table.
+//! `softrig compare`: the paper's table.
 //!
 //! For each set-point the recorded repeats are averaged, and the RMS error of every model
 //! against that mean is given in degrees and in percent of the set-point, in the layout of
@@ -31,11 +31,11 @@ use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig compare --model nominal.toml --model repaired.toml step60_*.csv step90_*.csv
-  rig compare --model nominal.toml --linear step60_*.csv      the paper's table
-  rig compare --model nominal.toml --linear step*.csv --plot steps.svg     and its picture")]
+  softrig compare --model nominal.toml --model repaired.toml step60_*.csv step90_*.csv
+  softrig compare --model nominal.toml --linear step60_*.csv      the paper's table
+  softrig compare --model nominal.toml --linear step*.csv --plot steps.svg     and its picture")]
 pub struct Args {
-    /// Model file; repeat the flag for several [default: model in rig.toml]
+    /// Model file; repeat the flag for several [default: model in softrig.toml]
     #[arg(long = "model", value_name = "MODEL.toml")]
     models: Vec<PathBuf>,
     /// Recordings
@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     args.json.deliver(&Errors::of(&comparison), &text)
 }
 
-/// What `rig compare --json` writes.
+/// What `softrig compare --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct Errors {
     /// Version of the layout.

@@ -1,4 +1,4 @@
-//! `rig convert`: a recording in another format.
+//! `softrig convert`: a recording in another format.
 
 use std::path::{Path, PathBuf};
 
@@ -15,18 +15,18 @@ use softrig_formats::recording::{Recording, meta_beside, stem};
 
 /// Writes recordings in another format: CSV, Parquet or MCAP.
 ///
-/// Converts every format that `rig` reads: tables in any dialect, MATLAB files, Parquet,
+/// Converts every format that `softrig` reads: tables in any dialect, MATLAB files, Parquet,
 /// MCAP. The result has the columns time_s, pressure_kpa and angle_deg, in s, kPa (gauge) and
 /// degrees, and all other columns unchanged. Metadata is written too: beside a CSV, inside
 /// Parquet and MCAP. A conversion and back changes no digit.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig convert run.csv -o run.mcap            # for Foxglove and PlotJuggler
-  rig convert run.mcap -o again.csv
-  rig convert lab.mat -o lab.csv --columns time=t,pressure=p,angle=theta --units pressure=bar
-  rig convert bag.mcap -o bag.csv --columns pressure=/rig/pressure,angle=/rig/angle.data
-  rig convert data/*.csv -o tables --to parquet   # several: into a folder")]
+  softrig convert run.csv -o run.mcap            # for Foxglove and PlotJuggler
+  softrig convert run.mcap -o again.csv
+  softrig convert lab.mat -o lab.csv --columns time=t,pressure=p,angle=theta --units pressure=bar
+  softrig convert bag.mcap -o bag.csv --columns pressure=/rig/pressure,angle=/rig/angle.data
+  softrig convert data/*.csv -o tables --to parquet   # several: into a folder")]
 pub struct Args {
     /// Recordings
     #[arg(required = true, value_name = "IN")]

@@ -1,4 +1,4 @@
-//! `rig diagnose`: which effect does the model lack?
+//! `softrig diagnose`: which effect does the model lack?
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
@@ -33,17 +33,17 @@ use softrig_report::terminal::summary;
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig diagnose --model m.toml run.csv
-  rig diagnose --model m.toml run.csv --report report.html -o repaired.toml
-  rig diagnose --model m.toml run.csv --json verdict.json
-  rig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
-  rig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
-  rig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
-  rig diagnose --model m.toml run.csv --resume fits       after an interruption
-  rig diagnose --model m.toml run.csv --budget 2min       what is found by then
-  rig diagnose --batch cases.csv -o out                   thousands of recordings
-  rig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
-  rig diagnose --batch cases.csv -o out --budget 1min     at most that long a case
+  softrig diagnose --model m.toml run.csv
+  softrig diagnose --model m.toml run.csv --report report.html -o repaired.toml
+  softrig diagnose --model m.toml run.csv --json verdict.json
+  softrig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
+  softrig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
+  softrig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
+  softrig diagnose --model m.toml run.csv --resume fits       after an interruption
+  softrig diagnose --model m.toml run.csv --budget 2min       what is found by then
+  softrig diagnose --batch cases.csv -o out                   thousands of recordings
+  softrig diagnose --batch cases.csv -o out --share 7/400     as one job of an array
+  softrig diagnose --batch cases.csv -o out --budget 1min     at most that long a case
 
 Ctrl-C prints what is known so far, writes nothing, and exits with code 130.
 
@@ -53,7 +53,7 @@ for the force, and its parameters; docs/custom-effects.md.
 A batch is a CSV with the columns case,model,recordings,holdout; docs/batch.md.
 
 The verdict is one of: effect_found, parameters_only, no_discrepancy,
-cannot_tell, unexplained. `rig schema` prints the schema of the JSON.")]
+cannot_tell, unexplained. `softrig schema` prints the schema of the JSON.")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,

@@ -1,4 +1,4 @@
-//! `rig example`: simulated recordings with an effect hidden in them.
+//! `softrig example`: simulated recordings with an effect hidden in them.
 
 use std::path::PathBuf;
 
@@ -14,10 +14,10 @@ use softrig_formats::model_file::ModelFile;
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig example -o demo --hide 7
-  rig example -o demo --effect coulomb_friction --noise-deg 0.4
-  rig example -o demo --actuator truth.toml               effects of any kind
-  rig diagnose --model demo/model.toml demo/recordings/*.csv --plot gap.svg")]
+  softrig example -o demo --hide 7
+  softrig example -o demo --effect coulomb_friction --noise-deg 0.4
+  softrig example -o demo --actuator truth.toml               effects of any kind
+  softrig diagnose --model demo/model.toml demo/recordings/*.csv --plot gap.svg")]
 pub struct Args {
     /// Folder to write model.toml, truth.toml and recordings/ to
     #[arg(short, long, value_name = "DIR")]

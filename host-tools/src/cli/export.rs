@@ -1,4 +1,4 @@
-//! `rig export`: a model as a file of another language.
+//! `softrig export`: a model as a file of another language.
 
 use std::path::{Path, PathBuf};
 
@@ -14,27 +14,27 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 
-/// Writes a model as C, Python, Modelica, MATLAB or an FMU that repeats `rig simulate`.
+/// Writes a model as C, Python, Modelica, MATLAB or an FMU that repeats `softrig simulate`.
 ///
 /// The file needs nothing else. Its inputs are times in seconds and gauge pressures in kPa,
 /// its outputs are angles in degrees. docs/export.md shows how to use each language.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig export --model repaired.toml --to c -o finger.c
+  softrig export --model repaired.toml --to c -o finger.c
   cc -std=c99 -O2 -DSOFTRIG_MAIN finger.c -lm -o finger && ./finger run.csv > simulated.csv
-  rig export --model repaired.toml --to python -o finger.py && python3 finger.py run.csv
-  rig export --model repaired.toml --to matlab -o finger.m
-  rig export --model repaired.toml --to modelica -o Finger.mo
-  rig export --model repaired.toml --to fmu -o finger.fmu
-  rig export --model repaired.toml --to python --recording run.csv -o finger.py")]
+  softrig export --model repaired.toml --to python -o finger.py && python3 finger.py run.csv
+  softrig export --model repaired.toml --to matlab -o finger.m
+  softrig export --model repaired.toml --to modelica -o Finger.mo
+  softrig export --model repaired.toml --to fmu -o finger.fmu
+  softrig export --model repaired.toml --to python --recording run.csv -o finger.py")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
     /// What to write
     #[arg(long, visible_alias = "as", value_enum, value_name = "LANGUAGE")]
     to: Target,
-    /// Take the initial state and the sensor zeros from this recording, as `rig simulate
+    /// Take the initial state and the sensor zeros from this recording, as `softrig simulate
     /// --recording` estimates them, and the integration step from its largest angle
     #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
@@ -175,7 +175,7 @@ pub fn exported(
     })
 }
 
-/// The initial state and zeros that `rig simulate --recording` estimates.
+/// The initial state and zeros that `softrig simulate --recording` estimates.
 fn starting_as(
     path: &std::path::Path,
     args: &Args,

@@ -1,4 +1,4 @@
-//! `rig fit`: the parameters of a model from recordings.
+//! `softrig fit`: the parameters of a model from recordings.
 
 use std::path::PathBuf;
 
@@ -28,9 +28,9 @@ use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig fit --model m.toml step60_*.csv step90_*.csv -o fitted.toml
-  rig fit --model m.toml step60_*.csv --profile profiles.svg
-  rig fit --model m.toml step60_*.csv --json -")]
+  softrig fit --model m.toml step60_*.csv step90_*.csv -o fitted.toml
+  softrig fit --model m.toml step60_*.csv --profile profiles.svg
+  softrig fit --model m.toml step60_*.csv --json -")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
@@ -112,7 +112,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     args.json.deliver(&result, &text)
 }
 
-/// What `rig fit --json` writes.
+/// What `softrig fit --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct FitResult {
     /// Version of the layout.
@@ -313,7 +313,7 @@ fn parameters(file: &ModelFile, fit: &Fit) -> Vec<Parameter> {
     .collect()
 }
 
-/// What `rig fit` prints: parameters, errors and zeros.
+/// What `softrig fit` prints: parameters, errors and zeros.
 pub fn table(file: &ModelFile, refit: &Refit) -> String {
     let Refit {
         data,

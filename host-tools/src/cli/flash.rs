@@ -1,4 +1,4 @@
-//! `rig flash`: writes the firmware into a board.
+//! `softrig flash`: writes the firmware into a board.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -20,9 +20,9 @@ use softrig_link::{Link, SerialConnector, Timing};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig flash --port /dev/ttyACM0
-  rig flash --port /dev/ttyACM0 firmware/softrig-mega2560.hex
-  rig flash --port /dev/ttyACM0 --dry-run
+  softrig flash --port /dev/ttyACM0
+  softrig flash --port /dev/ttyACM0 firmware/softrig-mega2560.hex
+  softrig flash --port /dev/ttyACM0 --dry-run
 
 Without a file it takes firmware/softrig-mega2560.hex beside this program, as in the
 archive of a release. `cargo xtask flash` builds one first.")]
@@ -108,7 +108,7 @@ fn beside() -> Result<PathBuf, InputError> {
         .ok_or_else(|| {
             InputError::new(
                 format!("there is no {BESIDE} beside this program"),
-                "name the image: rig flash --port PORT IMAGE.hex; `cargo xtask flash --port PORT` builds one",
+                "name the image: softrig flash --port PORT IMAGE.hex; `cargo xtask flash --port PORT` builds one",
             )
         })
 }

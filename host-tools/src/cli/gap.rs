@@ -1,4 +1,4 @@
-//! `rig gap`: the error of the board's own prediction.
+//! `softrig gap`: the error of the board's own prediction.
 //!
 //! The firmware simulates the uploaded model beside the actuator and logs the predicted
 //! angle next to the measured one. This command needs no model and fits nothing: it
@@ -21,15 +21,15 @@ use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.
 ///
-/// The prediction is the column predicted_deg that `rig record` writes: the board
+/// The prediction is the column predicted_deg that `softrig record` writes: the board
 /// simulates its model from the measured pressure. Of a session, only the runs
 /// that its metadata lists count.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig gap run.csv
-  rig gap before/run.csv --after after/run.csv --plot gap.svg
-  rig gap before/run.csv --after after/run.csv --json gap.json")]
+  softrig gap run.csv
+  softrig gap before/run.csv --after after/run.csv --plot gap.svg
+  softrig gap before/run.csv --after after/run.csv --json gap.json")]
 pub struct Args {
     /// Recordings made with the present model, or before the upload
     #[arg(required = true, value_name = "REC.csv")]

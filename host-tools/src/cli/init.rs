@@ -1,4 +1,4 @@
-//! `rig init`: the first model file.
+//! `softrig init`: the first model file.
 
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -42,16 +42,16 @@ use softrig_formats::terminal::{printable_line, remark};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig init
-  rig init --recording step.csv
-  rig init --recording step60.csv step90.csv --material \"Dragon Skin 20\" -o model.toml
-  rig init --material \"Ecoflex 00-30\" --length-mm 94 --width-mm 30 --height-mm 24 --dry-run
-  rig init --recording motor.csv --units time=ms --name \"motor, V to degrees\"")]
+  softrig init
+  softrig init --recording step.csv
+  softrig init --recording step60.csv step90.csv --material \"Dragon Skin 20\" -o model.toml
+  softrig init --material \"Ecoflex 00-30\" --length-mm 94 --width-mm 30 --height-mm 24 --dry-run
+  softrig init --recording motor.csv --units time=ms --name \"motor, V to degrees\"")]
 pub struct Args {
     /// Recordings to identify the parameters from
     #[arg(long, value_name = "REC.csv", num_args = 1..)]
     recording: Vec<PathBuf>,
-    /// Material: a name from `rig materials list`, or none
+    /// Material: a name from `softrig materials list`, or none
     #[arg(long, value_name = "NAME")]
     material: Option<String>,
     /// Length of the bending part, in millimetres
@@ -150,8 +150,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
     } else {
         return Err(InputError::new(
-            "rig init has no information about the rig, and no terminal to ask on",
-            "give a recording, as in `rig init --recording step.csv`, or material and dimensions, as in `rig init --material \"Dragon Skin 20\" --length-mm 94 --width-mm 30 --height-mm 24`",
+            "softrig init has no information about the rig, and no terminal to ask on",
+            "give a recording, as in `softrig init --recording step.csv`, or material and dimensions, as in `softrig init --material \"Dragon Skin 20\" --length-mm 94 --width-mm 30 --height-mm 24`",
         )
         .into());
     };
@@ -189,7 +189,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     args.json.deliver(&result, &text)
 }
 
-/// What `rig init --json` writes.
+/// What `softrig init --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct FirstResult {
     /// Version of the layout.
@@ -281,7 +281,7 @@ impl Args {
             if dimensions.is_some() {
                 return Err(InputError::new(
                     "dimensions need a material",
-                    "add --material with a name of `rig materials list`, or leave the dimensions out",
+                    "add --material with a name of `softrig materials list`, or leave the dimensions out",
                 ));
             }
             return Ok(Known {
@@ -316,11 +316,11 @@ fn material(name: &str) -> Result<&'static Material, InputError> {
         let near = like(name);
         let advice = if near.is_empty() {
             format!(
-                "give one of {}; of another material `rig materials predict` knows the exponent, and --material none goes without",
+                "give one of {}; of another material `softrig materials predict` knows the exponent, and --material none goes without",
                 quoted(TABLE_I.iter().collect())
             )
         } else {
-            format!("did you mean {}? `rig materials list` shows all", quoted(near))
+            format!("did you mean {}? `softrig materials list` shows all", quoted(near))
         };
         InputError::new(format!("{name} is not in the table of materials"), advice)
     })
@@ -332,7 +332,7 @@ fn refuse_existing(path: &Path) -> Result<(), InputError> {
         return Ok(());
     }
     Err(InputError::new(
-        "is there already, and rig init writes over nothing",
+        "is there already, and softrig init writes over nothing",
         "choose another name with -o, or see what would be written with --dry-run",
     )
     .in_file(path))
@@ -407,7 +407,7 @@ fn summary(first: &FirstModel) -> String {
     }
     if evidence.explains_little() {
         super::warn(
-            "this model explains little of the motion: something large is missing, which `rig diagnose` looks for; or the columns hold something else (see the flags under \"If the columns mean something else\"); or this is no rig of second order with one input",
+            "this model explains little of the motion: something large is missing, which `softrig diagnose` looks for; or the columns hold something else (see the flags under \"If the columns mean something else\"); or this is no rig of second order with one input",
         );
     }
     if !evidence.driven {

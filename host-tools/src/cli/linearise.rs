@@ -1,4 +1,4 @@
-//! `rig linearise`: a model for small motions about a rest, for the design of a controller.
+//! `softrig linearise`: a model for small motions about a rest, for the design of a controller.
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -26,10 +26,10 @@ use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig linearise --model m.toml --at 30deg
-  rig linearise --model m.toml --at 45kpa --plot bode.svg
-  rig linearise --model m.toml --at 30deg -o finger.py    # scipy.signal.StateSpace
-  rig linearise --model m.toml --at 30deg -o finger.m     # ss(A, B, C, D) of MATLAB")]
+  softrig linearise --model m.toml --at 30deg
+  softrig linearise --model m.toml --at 45kpa --plot bode.svg
+  softrig linearise --model m.toml --at 30deg -o finger.py    # scipy.signal.StateSpace
+  softrig linearise --model m.toml --at 30deg -o finger.m     # ss(A, B, C, D) of MATLAB")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
@@ -47,7 +47,7 @@ pub struct Args {
 }
 
 /// The first words in the header of every file that it writes as code.
-pub(super) const WRITTEN_BY: &str = "Written by `rig linearise`";
+pub(super) const WRITTEN_BY: &str = "Written by `softrig linearise`";
 
 /// Where the actuator rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +85,7 @@ impl FromStr for Rest {
     }
 }
 
-/// What `rig linearise --json` writes.
+/// What `softrig linearise --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Linearised {
     /// Version of the layout.

@@ -1,6 +1,6 @@
-//! `rig monitor --foxglove` and `--mcap`: telemetry live for Foxglove and Lichtblick, and as a log.
+//! `softrig monitor --foxglove` and `--mcap`: telemetry live for Foxglove and Lichtblick, and as a log.
 //!
-//! Both have a topic for each column of a recording, as `rig convert` writes logs, at times by the
+//! Both have a topic for each column of a recording, as `softrig convert` writes logs, at times by the
 //! board's clock. The server has threads of its own and a queue for each client, of which the
 //! oldest messages are lost where a client is slow. The link to the board is on a thread of its own
 //! too, so that neither a client nor a disk holds up a heartbeat: docs/decisions/0077.

@@ -25,7 +25,7 @@ impl Live {
         };
         Err(InputError::new(
             format!("{flag}: this rig was built without it"),
-            "take one that has it, of a release or of `cargo build --release -p host-tools`",
+            "take one that has it, of a release or of `cargo build --release -p softrig-cli`",
         ))
     }
 

@@ -1,4 +1,4 @@
-//! `rig log`: the last faults of a board.
+//! `softrig log`: the last faults of a board.
 
 use clap::Parser;
 use serde::Serialize;
@@ -15,8 +15,8 @@ use softrig_link::{Link, SerialConnector, Timing};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig log --port /dev/ttyACM0
-  rig log --port /dev/ttyACM0 --json | jq -r '.[0].fault'")]
+  softrig log --port /dev/ttyACM0
+  softrig log --port /dev/ttyACM0 --json | jq -r '.[0].fault'")]
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,

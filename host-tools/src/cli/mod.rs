@@ -1,4 +1,4 @@
-//! The subcommands of `rig`, one file each: arguments, and calls of the library.
+//! The subcommands of `softrig`, one file each: arguments, and calls of the library.
 
 mod address;
 pub mod calibrate;

@@ -1,4 +1,4 @@
-//! `rig monitor`: the rig, live.
+//! `softrig monitor`: the rig, live.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -27,12 +27,12 @@ use softrig_link::{Clock, Event, Link, SerialConnector, Timing};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig monitor --port /dev/ttyACM0
-  rig monitor --port /dev/ttyACM0 --log seen.csv
-  rig monitor --port /dev/ttyACM0 --plain --every 0.5
-  rig monitor --port /dev/ttyACM0 --every 0 --seconds 5 > five.csv
-  rig monitor --port /dev/ttyACM0 --udp 9870    for PlotJuggler's UDP server, with JSON
-  rig monitor --port /dev/ttyACM0 --foxglove --mcap seen.mcap
+  softrig monitor --port /dev/ttyACM0
+  softrig monitor --port /dev/ttyACM0 --log seen.csv
+  softrig monitor --port /dev/ttyACM0 --plain --every 0.5
+  softrig monitor --port /dev/ttyACM0 --every 0 --seconds 5 > five.csv
+  softrig monitor --port /dev/ttyACM0 --udp 9870    for PlotJuggler's UDP server, with JSON
+  softrig monitor --port /dev/ttyACM0 --foxglove --mcap seen.mcap
 
 Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
 first), space pause; 1 to 4 show or hide the curves: measured and predicted

@@ -1,4 +1,4 @@
-//! `rig next`: the experiments that decide, one after the other.
+//! `softrig next`: the experiments that decide, one after the other.
 //!
 //! A diagnosis that cannot tell ends with the run that would. Here it is made: the rig is set up
 //! as the plan asks, the run is recorded, and all recordings are diagnosed together, until the
@@ -38,10 +38,10 @@ use softrig_report::content::Content;
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig next --port /dev/ttyACM0 --model m.toml run.csv -o decide
-  rig next --virtual truth.toml --model m.toml run.csv -o decide    on the virtual rig
-  rig next --port /dev/ttyACM0 --model m.toml run.csv --limits deg=60,s=120
-  rig diagnose --model m.toml run.csv decide/*.csv --report report.html
+  softrig next --port /dev/ttyACM0 --model m.toml run.csv -o decide
+  softrig next --virtual truth.toml --model m.toml run.csv -o decide    on the virtual rig
+  softrig next --port /dev/ttyACM0 --model m.toml run.csv --limits deg=60,s=120
+  softrig diagnose --model m.toml run.csv decide/*.csv --report report.html
 
 The virtual rig turns its own base; on a bench you are asked to.")]
 pub struct Args {
@@ -157,7 +157,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn to_keep(args: &Args, model: &PathBuf, recordings: &[PathBuf]) -> String {
     let name = |path: &PathBuf| quoted(&path.to_string_lossy());
     let names = |paths: &[PathBuf]| paths.iter().map(name).collect::<Vec<_>>().join(" ");
-    let mut command = format!("rig diagnose --model {} {}", name(model), names(recordings));
+    let mut command = format!(
+        "softrig diagnose --model {} {}",
+        name(model),
+        names(recordings)
+    );
     if !args.holdout.is_empty() {
         command += &format!(" --holdout {}", names(&args.holdout));
     }

@@ -1,7 +1,7 @@
 //! Protects existing files: a command overwrites no file that it reads, no recording, and
 //! no file of another kind than it writes.
 //!
-//! In `rig diagnose --model m.toml -o step*.csv` the name after `-o` is missing, so the
+//! In `softrig diagnose --model m.toml -o step*.csv` the name after `-o` is missing, so the
 //! shell hands the first recording to `-o`. Only its content shows that it must not be
 //! replaced. Every flag that writes a file goes through [`check`], before anything is
 //! computed.
@@ -29,7 +29,7 @@ pub enum FileKind {
     Page,
     /// A picture.
     Picture,
-    /// A table of `rig compare`.
+    /// A table of `softrig compare`.
     Table,
     /// A recording: never replaced without being told to.
     Recording,
@@ -205,15 +205,15 @@ fn keep_metadata(path: &Path, may_replace: bool) -> Result<(), InputError> {
     Ok(())
 }
 
-/// The author that `rig simulate` writes into metadata.
-const WRITTEN_BY: &str = "rig simulate";
+/// The author that `softrig simulate` writes into metadata.
+const WRITTEN_BY: &str = "softrig simulate";
 
-/// The metadata of a recording of `rig simulate`, which it may replace when it runs again.
+/// The metadata of a recording of `softrig simulate`, which it may replace when it runs again.
 pub(crate) fn about_simulated(angle_is_simulated: bool) -> String {
     format!("written_by = \"{WRITTEN_BY}\"\nsimulated = {angle_is_simulated}\n")
 }
 
-/// Whether `rig simulate` wrote a recording, which can be made again.
+/// Whether `softrig simulate` wrote a recording, which can be made again.
 pub(crate) fn is_simulated(path: &Path) -> bool {
     let about = std::fs::read_to_string(meta_path(path)).unwrap_or_default();
     about.parse::<toml::Table>().is_ok_and(|table| {
@@ -270,7 +270,7 @@ fn found(path: &Path) -> Found {
     of_text(text.trim_start_matches('\u{feff}').trim_start()).map_or(Found::Unknown, Found::Known)
 }
 
-/// Whether a file is a functional mock-up unit of `rig export`: an archive whose first file is the
+/// Whether a file is a functional mock-up unit of `softrig export`: an archive whose first file is the
 /// description.
 fn is_unit(bytes: &[u8]) -> bool {
     const DESCRIPTION: &[u8] = b"modelDescription.xml";
@@ -380,7 +380,7 @@ mod tests {
             ("schema = 1\n[settings]\n", None),
             ("Dear diary, today", None),
             (
-                "/*\n * Model \"a\"\n *\n * Written by `rig export` of softrig 0.1.0.\n */",
+                "/*\n * Model \"a\"\n *\n * Written by `softrig export` of softrig 0.1.0.\n */",
                 Some(FileKind::Code),
             ),
             ("int main(void) { return 0; }\n", None),

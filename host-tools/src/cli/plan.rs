@@ -1,4 +1,4 @@
-//! `rig plan`: the run that best separates two explanations.
+//! `softrig plan`: the run that best separates two explanations.
 
 use std::path::PathBuf;
 
@@ -33,15 +33,15 @@ use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
 
 /// Finds the run that separates two effects, within the limits of the rig, and
-/// writes it as a protocol file that `rig record` plays.
+/// writes it as a protocol file that `softrig record` plays.
 ///
 /// Both effects are fitted to the recordings first. Without recordings, steps
 /// to 60° and 90° of an actuator with the first effect are simulated instead.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
-  rig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60")]
+  softrig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
+  softrig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
@@ -145,7 +145,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         write_atomically(path, best.protocol.to_text().as_bytes())?;
         let path = path.display();
         text += &format!(
-            "Protocol: {path}\nNext: {}rig record --port PORT --plan {path} -o next.csv\n",
+            "Protocol: {path}\nNext: {}softrig record --port PORT --plan {path} -o next.csv\n",
             best.protocol.setup.instruction()
         );
     }
@@ -160,7 +160,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What `rig plan --json` writes.
+/// What `softrig plan --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Plan {
     /// Version of the layout.

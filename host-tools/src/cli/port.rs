@@ -1,20 +1,21 @@
-//! Which port the board is at: as the command line says, else the environment, else `rig.toml`.
-
-use std::path::Path;
+//! Which port the board is at: as the command line says, else the environment, else `softrig.toml`.
 
 use clap::Args;
 
 use softrig_formats::error::InputError;
-use softrig_link::rig_file::{RIG_FILE, RigFile};
+use softrig_formats::terminal::remark;
+use softrig_link::rig_file::{RIG_FILE, RigFile, rig_file};
 
 /// The variable of the environment that names it.
-const VARIABLE: &str = "RIG_PORT";
+const VARIABLE: &str = "SOFTRIG_PORT";
+/// Its name before 0.1.0.
+const OLD_VARIABLE: &str = "RIG_PORT";
 
 /// The flag of commands that talk to a board.
 #[derive(Clone, Debug, Default, Args)]
 pub struct PortArgs {
-    /// Serial port of the board; `rig ports` lists them [default: RIG_PORT of the environment,
-    /// else port in rig.toml]
+    /// Serial port of the board; `softrig ports` lists them [default: SOFTRIG_PORT of the environment,
+    /// else port in softrig.toml]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
 }
@@ -24,17 +25,23 @@ impl PortArgs {
     ///
     /// # Errors
     ///
-    /// Where nothing names one, and faults of `rig.toml`.
+    /// Where nothing names one, and faults of `softrig.toml`.
     pub(crate) fn find(&self) -> Result<String, InputError> {
-        let variable = std::env::var(VARIABLE).ok().filter(|it| !it.is_empty());
-        if let Some(port) = self.port.clone().or(variable) {
+        let variable = |name| std::env::var(name).ok().filter(|it| !it.is_empty());
+        if let Some(port) = self.port.clone().or_else(|| variable(VARIABLE)) {
             return Ok(port);
         }
-        let file = RigFile::find(Path::new(RIG_FILE))?;
+        if let Some(port) = variable(OLD_VARIABLE) {
+            remark(&format!(
+                "The port is {port}, as {OLD_VARIABLE} says: its name is {VARIABLE} now."
+            ));
+            return Ok(port);
+        }
+        let file = RigFile::find(rig_file())?;
         file.and_then(|file| file.port).ok_or_else(|| {
             InputError::new(
                 "no port is named",
-                format!("give --port (`rig ports` lists them), set {VARIABLE}, or write port = \"…\" into {RIG_FILE}"),
+                format!("give --port (`softrig ports` lists them), set {VARIABLE}, or write port = \"…\" into {RIG_FILE}"),
             )
         })
     }

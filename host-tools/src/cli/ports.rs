@@ -1,4 +1,4 @@
-//! `rig ports`: lists the serial ports, and finds the board.
+//! `softrig ports`: lists the serial ports, and finds the board.
 
 use clap::Parser;
 
@@ -8,8 +8,8 @@ use softrig_link::{PortFound, ports};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig ports
-  rig ports --json | jq -r '.[0].name'")]
+  softrig ports
+  softrig ports --json | jq -r '.[0].name'")]
 pub struct Args {
     /// Print a JSON list
     #[arg(long)]
@@ -34,7 +34,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn table(found: &[PortFound]) -> String {
     if found.is_empty() {
         return "No serial port was found. Plug the board in with a cable that carries data \
-                (many only charge), or start a simulated one with `rig virtual`.\n"
+                (many only charge), or start a simulated one with `softrig virtual`.\n"
             .into();
     }
     let mut text = String::new();
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn what_to_do_is_said_when_there_is_none_and_when_it_is_closed() {
-        assert!(table(&[]).contains("rig virtual"));
+        assert!(table(&[]).contains("softrig virtual"));
         let mut port = PortFound {
             name: "/dev/ttyACM0".into(),
             product: Some("Mega 2560".into()),

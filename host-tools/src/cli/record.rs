@@ -1,4 +1,4 @@
-//! `rig record`: plays a protocol and records the rig.
+//! `softrig record`: plays a protocol and records the rig.
 
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -27,7 +27,7 @@ use softrig_link::line::command_text;
 use softrig_link::record::{
     About, Part, Recorder, Step, black_box_path, check_limits, meta_path, parts, run_path, steps,
 };
-use softrig_link::rig_file::{RIG_FILE, RigFile, board_name};
+use softrig_link::rig_file::{RigFile, board_name, rig_file};
 use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Records a rig while it plays a protocol, or while it is left alone.
@@ -40,16 +40,16 @@ use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_te
 #[command(group(ArgGroup::new("what").args(["protocol", "seconds"])))]
 #[command(after_help = "\
 Examples:
-  rig record --list
-  rig record --port /dev/ttyACM0 --protocol steps -o run.csv
-  rig record --port /dev/ttyACM0 --protocol mine.toml -o mine.csv --dry-run
-  rig record --port /dev/ttyACM0 --protocol steps --setup tilt_deg=90 -o aside.csv
-  rig record --port /dev/ttyACM0 --plan next.toml -o next.csv    what `rig plan -o` wrote
-  rig record --port /dev/ttyACM0 --seconds 10 -o rest.csv
-  rig diagnose --model m.toml run.csv
+  softrig record --list
+  softrig record --port /dev/ttyACM0 --protocol steps -o run.csv
+  softrig record --port /dev/ttyACM0 --protocol mine.toml -o mine.csv --dry-run
+  softrig record --port /dev/ttyACM0 --protocol steps --setup tilt_deg=90 -o aside.csv
+  softrig record --port /dev/ttyACM0 --plan next.toml -o next.csv    what `softrig plan -o` wrote
+  softrig record --port /dev/ttyACM0 --seconds 10 -o rest.csv
+  softrig diagnose --model m.toml run.csv
 
 A session is one file. The runs in it, such as each step with its release, are
-listed in run.meta.toml beside it; `rig diagnose` and `rig gap` find them there.
+listed in run.meta.toml beside it; `softrig diagnose` and `softrig gap` find them there.
 A fault leaves run.blackbox.csv: the second before it, as the board saw it.
 Times are in seconds, pressures in kPa, angles in degrees.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
@@ -86,8 +86,8 @@ pub struct Args {
     /// tube_mm, temperature_c, rested_s, new_part=actuator|sensor
     #[arg(long, value_name = "KEY=VALUE,…")]
     setup: Option<Setup>,
-    /// What `rig commission` measured of the board: its clock corrects the times
-    /// [default: rig.toml, if there is one]
+    /// What `softrig commission` measured of the board: its clock corrects the times
+    /// [default: softrig.toml, if there is one]
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
     /// The rig stands as the protocol file asks: do not wait for Enter
@@ -249,12 +249,14 @@ fn setup_of(said: Option<&Setup>, asked: Option<&Setup>) -> Option<Setup> {
 /// What corrects the times of this board: as the named file says, else the usual one if there is
 /// one. That of another board is never used.
 fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputError> {
-    let path = named.unwrap_or(Path::new(RIG_FILE));
+    let path = named.unwrap_or_else(|| rig_file());
     let board = board_name(port);
     let absent = |found: &str| match named {
-        Some(_) => Err(
-            InputError::new(found, "`rig commission` writes it, or leave --rig away").in_file(path),
-        ),
+        Some(_) => Err(InputError::new(
+            found,
+            "`softrig commission` writes it, or leave --rig away",
+        )
+        .in_file(path)),
         None => Ok(None),
     };
     let Some(file) = RigFile::find(path)? else {
@@ -265,7 +267,8 @@ fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputEr
         (Some(its), Some(_)) => {
             let found = format!("is of the board `{its}`, and this one is `{board}`");
             if named.is_some() {
-                let advice = "name its own file, or measure it with `rig commission --only clock`";
+                let advice =
+                    "name its own file, or measure it with `softrig commission --only clock`";
                 return Err(InputError::new(found, advice).in_file(path));
             }
             super::warn(&format!(
@@ -741,7 +744,7 @@ impl Session {
         }
         if has_moved {
             text += &format!(
-                "next: rig diagnose --model MODEL.toml {}\n",
+                "next: softrig diagnose --model MODEL.toml {}\n",
                 output.display()
             );
         }
@@ -749,7 +752,7 @@ impl Session {
     }
 }
 
-/// Microsteps within which a home is found: what `rig commission` bears.
+/// Microsteps within which a home is found: what `softrig commission` bears.
 const HOME_STEPS: u32 = 17;
 
 /// What lost steps mean for the recording.
@@ -853,7 +856,7 @@ fn check_output(
     }
 }
 
-/// What `rig record --list --json` writes.
+/// What `softrig record --list --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct Protocols {
     /// Version of the layout.
@@ -935,7 +938,7 @@ fn dry_run(protocol: &ProtocolFile) -> String {
     text
 }
 
-/// Begins a recording for another command: `rig monitor --log`.
+/// Begins a recording for another command: `softrig monitor --log`.
 pub(crate) fn log(path: &Path, link: &Link) -> Result<Recorder, InputError> {
     check_output(path, None, &[], false)?;
     Recorder::create(path, about(link, link.port(), None), false)

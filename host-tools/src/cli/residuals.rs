@@ -1,4 +1,4 @@
-//! `rig residuals`: what a model leaves of recordings, as control engineers look at it.
+//! `softrig residuals`: what a model leaves of recordings, as control engineers look at it.
 
 use std::path::PathBuf;
 
@@ -31,8 +31,8 @@ use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_stri
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig residuals --model m.toml step60_*.csv
-  rig residuals --model m.toml step60_*.csv --report residuals.html --json residuals.json")]
+  softrig residuals --model m.toml step60_*.csv
+  softrig residuals --model m.toml step60_*.csv --report residuals.html --json residuals.json")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
@@ -51,7 +51,7 @@ pub struct Args {
     input: InputArgs,
 }
 
-/// What `rig residuals --json` writes.
+/// What `softrig residuals --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Analysis {
     /// Version of the layout.

@@ -1,4 +1,4 @@
-//! A sample as `rig monitor` hands it on: printed, sent to other programs, or logged.
+//! A sample as `softrig monitor` hands it on: printed, sent to other programs, or logged.
 
 use serde_json::{Number, Value};
 

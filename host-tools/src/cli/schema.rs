@@ -1,4 +1,4 @@
-//! `rig schema`: JSON Schemas of what commands write, and of files that people write.
+//! `softrig schema`: JSON Schemas of what commands write, and of files that people write.
 
 use clap::Parser;
 use schemars::{Schema, schema_for};
@@ -15,9 +15,9 @@ use softrig_formats::{model_schema, protocol_schema};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig schema > verdict.schema.json
-  rig schema fit > fit.schema.json
-  rig schema model > model.schema.json     for an editor that checks TOML")]
+  softrig schema > verdict.schema.json
+  softrig schema fit > fit.schema.json
+  softrig schema model > model.schema.json     for an editor that checks TOML")]
 pub struct Args {
     /// The command, or the file
     #[arg(value_parser = choice::<Of>(), default_value_t = Of::Diagnose)]
@@ -40,30 +40,30 @@ pub struct Args {
 )]
 #[strum(serialize_all = "lowercase")]
 pub enum Of {
-    /// The verdict of rig diagnose and rig next
+    /// The verdict of softrig diagnose and softrig next
     #[default]
     Diagnose,
-    /// What rig fit --json writes
+    /// What softrig fit --json writes
     Fit,
-    /// What rig compare --json writes
+    /// What softrig compare --json writes
     Compare,
-    /// What rig gap --json writes
+    /// What softrig gap --json writes
     Gap,
-    /// What rig residuals --json writes
+    /// What softrig residuals --json writes
     Residuals,
-    /// What rig linearise --json writes
+    /// What softrig linearise --json writes
     Linearise,
-    /// What rig materials --json writes
+    /// What softrig materials --json writes
     Materials,
-    /// What rig plan --json writes
+    /// What softrig plan --json writes
     Plan,
-    /// What rig simulate --json writes
+    /// What softrig simulate --json writes
     Simulate,
-    /// What rig init --json writes
+    /// What softrig init --json writes
     Init,
-    /// What rig record --list --json writes
+    /// What softrig record --list --json writes
     Record,
-    /// What rig commission --json writes
+    /// What softrig commission --json writes
     Commission,
     /// A model file
     Model,

@@ -1,4 +1,4 @@
-//! `rig simulate`: a model over a recording or a protocol.
+//! `softrig simulate`: a model over a recording or a protocol.
 
 use std::path::PathBuf;
 
@@ -24,10 +24,10 @@ use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
 #[command(group(ArgGroup::new("input").required(true).args(["recording", "protocol"])))]
 #[command(after_help = "\
 Examples:
-  rig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
-  rig simulate --model m.toml --protocol steps -o steps.csv
-  rig simulate --model m.toml --recording run.csv --plot run.svg
-  rig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
+  softrig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
+  softrig simulate --model m.toml --protocol steps -o steps.csv
+  softrig simulate --model m.toml --recording run.csv --plot run.svg
+  softrig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
@@ -35,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "REC.csv")]
     recording: Option<PathBuf>,
     /// Generate the pressure for the set-points of a protocol: step, staircase or
-    /// triangle, shaped by --angle-deg and --hold-s; a name from `rig record
+    /// triangle, shaped by --angle-deg and --hold-s; a name from `softrig record
     /// --list`; or a protocol file. board:NAME is always the board's
     #[arg(long, value_name = "NAME|FILE.toml")]
     protocol: Option<String>,
@@ -182,7 +182,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     args.json.deliver(&result, &text)
 }
 
-/// What `rig simulate --json` writes.
+/// What `softrig simulate --json` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub(crate) struct Simulated {
     /// Version of the layout.

@@ -1,4 +1,4 @@
-//! `rig upload`: writes a model, calibration and limits to a board, and checks every bit.
+//! `softrig upload`: writes a model, calibration and limits to a board, and checks every bit.
 
 use std::path::PathBuf;
 
@@ -27,12 +27,12 @@ use softrig_link::{Link, SerialConnector, Timing};
 #[command(group(ArgGroup::new("what").required(true).multiple(true).args(["model", "settings", "zeros", "read"])))]
 #[command(after_help = "\
 Examples:
-  rig upload --port /dev/ttyACM0 --model repaired.toml --dry-run
-  rig upload --port /dev/ttyACM0 --model repaired.toml
-  rig upload --port /dev/ttyACM0 --model repaired.toml --zeros verdict.json
-  rig upload --port /dev/ttyACM0 --model repaired.toml --setup tilt_deg=90
-  rig upload --port /dev/ttyACM0 --settings limits.toml
-  rig upload --port /dev/ttyACM0 --read > board.toml
+  softrig upload --port /dev/ttyACM0 --model repaired.toml --dry-run
+  softrig upload --port /dev/ttyACM0 --model repaired.toml
+  softrig upload --port /dev/ttyACM0 --model repaired.toml --zeros verdict.json
+  softrig upload --port /dev/ttyACM0 --model repaired.toml --setup tilt_deg=90
+  softrig upload --port /dev/ttyACM0 --settings limits.toml
+  softrig upload --port /dev/ttyACM0 --read > board.toml
 
 A settings file has lines like `max.kpa = 150.0`; --read prints all there are,
 with their units.")]
@@ -49,7 +49,7 @@ pub struct Args {
     /// File of settings: calibration, limits, gains
     #[arg(long, value_name = "SETTINGS.toml")]
     settings: Option<PathBuf>,
-    /// Verdict of `rig diagnose --json` whose sensor zeros correct the calibration:
+    /// Verdict of `softrig diagnose --json` whose sensor zeros correct the calibration:
     /// p.zero (counts) and the angles of the flex sensor's table (°). Of several
     /// sessions the last counts
     #[arg(long, value_name = "VERDICT.json")]
@@ -140,7 +140,7 @@ fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
     let plan = board::plan(&file.model, farthest_deg.to_radians()).map_err(|why| {
         InputError::new(
             format!("{why}; the board would refuse it"),
-            "use it on the computer (`rig simulate`), or fit one with another effect",
+            "use it on the computer (`softrig simulate`), or fit one with another effect",
         )
         .in_file(&file.path)
     })?;
@@ -160,7 +160,7 @@ pub(crate) fn apply(link: &mut Link, changes: &[Assignment]) -> anyhow::Result<(
     if !matches!(state, State::Idle | State::Fault) {
         return Err(link.late(
             &format!("the board is {}", state.name()),
-            "settings are changed only while nothing moves: stop it first (`rig monitor`, key s)",
+            "settings are changed only while nothing moves: stop it first (`softrig monitor`, key s)",
         ))
         .context("nothing was changed: the board still uses its old settings");
     }

@@ -1,4 +1,4 @@
-//! `rig virtual`: starts the simulated rig.
+//! `softrig virtual`: starts the simulated rig.
 //!
 //! The simulator has another licence, so it runs as a separate program: its output is
 //! passed on, and it is told to end when this program is.
@@ -23,17 +23,17 @@ use softrig_formats::setup::{NewPart, Setup};
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig virtual --link /tmp/softrig
-  rig virtual --hide 7 --model-out model.toml --truth-out truth.toml
-  rig virtual --hide 7 --effect gravity --truth-out truth.toml
-  rig virtual --actuator truth.toml --speed max --duration 120
-  rig virtual --link /tmp/softrig --clock-error 0.4
+  softrig virtual --link /tmp/softrig
+  softrig virtual --hide 7 --model-out model.toml --truth-out truth.toml
+  softrig virtual --hide 7 --effect gravity --truth-out truth.toml
+  softrig virtual --actuator truth.toml --speed max --duration 120
+  softrig virtual --link /tmp/softrig --clock-error 0.4
 
 Then, in another terminal:
-  rig monitor --port /tmp/softrig
+  softrig monitor --port /tmp/softrig
 
 While it runs, lines can be typed into its terminal: `bend 30` bends the actuator
-by hand to 30 degrees, as `rig calibrate` asks for, and `bend off` lets it go;
+by hand to 30 degrees, as `softrig calibrate` asks for, and `bend off` lets it go;
 `fault leak on`, `press emergency-stop`, `status` and more: docs/virtual-rig.md.
 
 The simulator is a program of its own, virtual-rig, and the image is what
@@ -412,11 +412,11 @@ fn next_steps(args: &Args, port: &str) -> String {
     );
     format!(
         "The simulated rig is at {port}. In another terminal:\n\
-         \x20 rig monitor --port {port}\n\
-         \x20 rig upload --port {port} --model {model}\n\
-         \x20 rig record --port {port} --protocol steps -o run.csv\n\
-         \x20 rig diagnose --model {model} run.csv\n\
-         For `rig calibrate`, type `bend 30` here to bend the actuator to 30 degrees, and `bend off` to let go.\n\
+         \x20 softrig monitor --port {port}\n\
+         \x20 softrig upload --port {port} --model {model}\n\
+         \x20 softrig record --port {port} --protocol steps -o run.csv\n\
+         \x20 softrig diagnose --model {model} run.csv\n\
+         For `softrig calibrate`, type `bend 30` here to bend the actuator to 30 degrees, and `bend off` to let go.\n\
          Ctrl-C ends it.\n"
     )
 }
@@ -481,7 +481,7 @@ fn find_image(given: Option<&Path>) -> Result<PathBuf, InputError> {
 fn near_folders() -> Vec<PathBuf> {
     let mut folders = Vec::new();
     if let Ok(program) = std::env::current_exe() {
-        // target/release/rig, or target/debug/deps/… of a test.
+        // target/release/softrig, or target/debug/deps/… of a test.
         folders.extend(program.ancestors().skip(1).take(3).map(Path::to_owned));
     }
     folders.push(PathBuf::from("target"));

@@ -1,4 +1,4 @@
-//! Every command line of `rig` in the documents is one that it accepts.
+//! Every command line of `softrig` in the documents is one that it accepts.
 //!
 //! Those that can run without a bench are run by `tests/cli/documents.rs`.
 
@@ -22,7 +22,7 @@ fn documented_command_lines_are_accepted() {
         let text = fs::read_to_string(&page).expect("documents are text");
         let lines = blocks(&text)
             .into_iter()
-            .flat_map(|block| command_lines(block.text, "rig"));
+            .flat_map(|block| command_lines(block.text, "softrig"));
         for line in lines {
             count += 1;
             let place = page.file_name().unwrap_or_default().display();
@@ -44,11 +44,11 @@ fn documented_command_lines_are_accepted() {
 #[test]
 fn command_lines_are_found_as_a_shell_reads_them() {
     let text = "Not here: rig none\n```\nrig fit --model \"a b.toml\" \\\n    x.csv   # remark\n\
-                not shown\n$ rig schema > file\nrigid\n$ cc\nno\ncargo rig ports && rig example -o 'd#1'\n\
-                rig fit --share $SLURM_ARRAY_TASK_ID/2\n```\nrig none\n```text\nrig?\n```\n";
+                not shown\n$ softrig schema > file\nrigid\n$ cc\nno\ncargo rig ports && softrig example -o 'd#1'\n\
+                softrig fit --share $SLURM_ARRAY_TASK_ID/2\n```\nrig none\n```text\nrig?\n```\n";
     let blocks = blocks(text);
     assert_eq!(blocks[1].info, "text");
-    let lines = command_lines(blocks[0].text, "rig");
+    let lines = command_lines(blocks[0].text, "softrig");
     let read: Vec<String> = lines
         .iter()
         .map(|line| words(&line.command).join("|"))
@@ -65,5 +65,5 @@ fn command_lines_are_found_as_a_shell_reads_them() {
     );
     let shown: Vec<&str> = lines.iter().map(|line| line.shown.as_str()).collect();
     assert_eq!(shown, ["", "rigid\n", "", "", ""]);
-    assert!(command_lines(blocks[1].text, "rig").is_empty());
+    assert!(command_lines(blocks[1].text, "softrig").is_empty());
 }

@@ -1,4 +1,4 @@
-//! The `rig` command: parse, run, report. A program of its own, and the command that the Python
+//! The `softrig` command: parse, run, report. A program of its own, and the command that the Python
 //! package installs, call [`main`].
 
 #[cfg(test)]
@@ -22,15 +22,15 @@ use softrig_link::flash::FlashError;
 /// disagree, names the missing effect, and repairs the model.
 #[derive(Debug, Parser)]
 #[command(
-    name = "rig",
+    name = "softrig",
     version,
     propagate_version = true,
     after_help = "\
 Examples:
-  rig example -o demo && rig diagnose --model demo/model.toml demo/recordings/*.csv
-  rig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
-  rig simulate --model m.toml --protocol step --angle-deg 60 --plot step.svg
-  rig record --port /dev/ttyACM0 --protocol steps -o run.csv"
+  softrig example -o demo && softrig diagnose --model demo/model.toml demo/recordings/*.csv
+  softrig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
+  softrig simulate --model m.toml --protocol step --angle-deg 60 --plot step.svg
+  softrig record --port /dev/ttyACM0 --protocol steps -o run.csv"
 )]
 struct Cli {
     #[command(subcommand)]
@@ -65,14 +65,16 @@ enum Command {
     Schema(cli::schema::Args),
     /// Print a completion script for a shell
     #[command(
-        after_help = "Examples:\n  rig completions bash > ~/.local/share/bash-completion/completions/rig"
+        after_help = "Examples:\n  softrig completions bash > ~/.local/share/bash-completion/completions/softrig"
     )]
     Completions {
         /// The shell
         shell: Shell,
     },
-    /// Write the manual pages of rig and its commands
-    #[command(after_help = "Examples:\n  rig man -o ~/.local/share/man/man1 && man rig-diagnose")]
+    /// Write the manual pages of softrig and its commands
+    #[command(
+        after_help = "Examples:\n  softrig man -o ~/.local/share/man/man1 && man softrig-diagnose"
+    )]
     Man {
         /// Folder for the pages, which is made where there is none
         #[arg(short, long, value_name = "FOLDER")]
@@ -144,7 +146,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Schema(args) => cli::schema::run(&args),
         Command::Completions { shell } => {
             let mut script = Vec::new();
-            clap_complete::generate(shell, &mut Cli::command(), "rig", &mut script);
+            clap_complete::generate(shell, &mut Cli::command(), "softrig", &mut script);
             cli::print_own(&String::from_utf8(script)?)?;
             Ok(())
         }

@@ -466,7 +466,7 @@ impl<'o> Session<'o> {
         ];
         let file = self.plan.rig_file.clone();
         let said = format!(
-            "Written to {}: `rig record` corrects the times of this board by the factor {:.5}.",
+            "Written to {}: `softrig record` corrects the times of this board by the factor {:.5}.",
             file.display(),
             rate.factor
         );

@@ -28,7 +28,7 @@ pub(crate) struct Report {
     pub(crate) seconds: f64,
     /// Its serial port.
     pub(crate) port: String,
-    /// The board, as `rig.toml` names it.
+    /// The board, as `softrig.toml` names it.
     pub(crate) board: String,
     /// Version of its firmware.
     pub(crate) firmware: String,
@@ -36,7 +36,7 @@ pub(crate) struct Report {
     pub(crate) wire: u8,
     /// Checksum of its settings, as it says it itself.
     pub(crate) settings: String,
-    /// Version of `rig`.
+    /// Version of `softrig`.
     pub(crate) rig: String,
     /// System and processor of the computer.
     pub(crate) computer: String,

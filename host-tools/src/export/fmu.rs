@@ -165,7 +165,7 @@ fn compiled(code: &str, name: &str) -> Result<Vec<u8>, String> {
     let [from, to] = [format!("{name}.c"), format!("{name}.{}", PLATFORM.1)];
     std::fs::write(folder.path().join(&from), code).map_err(|error| error.to_string())?;
     let output = Command::new(&compiler)
-        // Products and sums are rounded as `rig simulate` rounds them.
+        // Products and sums are rounded as `softrig simulate` rounds them.
         .args(["-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared"])
         .args(["-fvisibility=hidden", "-o", &to, &from, "-lm"])
         .current_dir(folder.path())

@@ -1,8 +1,8 @@
-//! Models as files of other languages: `rig export`.
+//! Models as files of other languages: `softrig export`.
 //!
 //! An exported model can be used in a controller, in Simulink, in OpenModelica or in the
 //! supplement of a paper. It needs nothing from this repository and gives the results of
-//! `rig simulate`.
+//! `softrig simulate`.
 //!
 //! The physics is not written again. [`trace`] runs `model-core` itself on a scalar that
 //! records the computation, [`physics`] collects the expressions of a model, and
@@ -32,7 +32,7 @@ use softrig_formats::numbers::exact;
 use softrig_formats::terminal::printable_line;
 
 /// The first words in the header of every exported file.
-pub const WRITTEN_BY: &str = "Written by `rig export`";
+pub const WRITTEN_BY: &str = "Written by `softrig export`";
 
 /// What a model can be written in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! Modelica: equations for the tool's own solver.
 //!
-//! The other languages repeat the steps of `rig simulate`. A Modelica tool solves equations
+//! The other languages repeat the steps of `softrig simulate`. A Modelica tool solves equations
 //! with its own scheme and tolerance instead. So an integrated state is an equation, a dead
-//! time is the language's `delay`, and an event memory is updated by a clock, as `rig` does
+//! time is the language's `delay`, and an event memory is updated by a clock, as `softrig` does
 //! after every step.
 
 use std::cell::RefCell;
@@ -23,7 +23,7 @@ const TEMPLATE: &str = include_str!("modelica.jinja");
 const USE: &[&str] = &[
     "Open the file and simulate Step, or give Actuator.pressure_kpa a signal. Time is that of",
     "the run: it starts at 0. These are the continuous equations; what comes out is as near",
-    "to `rig simulate` as the solver's tolerance is small and the signal is the same between",
+    "to `softrig simulate` as the solver's tolerance is small and the signal is the same between",
     "the samples of a recording, where rig takes a cubic through them.",
 ];
 

@@ -524,7 +524,7 @@ mod tests {
     use std::path::Path;
     use std::sync::LazyLock;
 
-    /// A model with an effect, as `rig example` draws it.
+    /// A model with an effect, as `softrig example` draws it.
     fn model(kind: Kind) -> Model<f64> {
         static MODELS: LazyLock<Vec<Model<f64>>> = LazyLock::new(|| {
             let truth = |&kind: &Kind| rig_models(5, Some(kind)).unwrap().truth;

@@ -1,4 +1,4 @@
-//! `rig monitor`: the last half minute of a rig, and its state.
+//! `softrig monitor`: the last half minute of a rig, and its state.
 //!
 //! [`View`] collects the data, and [`draw`] only draws it, so that screens can be tested
 //! without a terminal.

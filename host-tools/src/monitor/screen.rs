@@ -1,4 +1,4 @@
-//! The screen of `rig monitor`.
+//! The screen of `softrig monitor`.
 //!
 //! Colours are from the terminal's own sixteen, and only those that are legible on dark and
 //! light backgrounds: the foreground, red, green and magenta. No information is in the

@@ -8,7 +8,7 @@ use super::common::{Bench, stdout};
 fn faults_of_arguments_exit_with_2() {
     let bench = Bench::new();
     for (line, part) in [
-        ("", "Usage: rig <COMMAND>"),
+        ("", "Usage: softrig <COMMAND>"),
         (
             "diagnoze --model m.toml",
             "unrecognized subcommand 'diagnoze'",
@@ -92,7 +92,7 @@ fn every_help_has_an_example() {
         let help = stdout(&bench.line(&line).assert().success().stderr(is_empty()));
         let (_, examples) = help
             .split_once("Examples:\n")
-            .unwrap_or_else(|| panic!("`rig {command} --help` has no example"));
+            .unwrap_or_else(|| panic!("`softrig {command} --help` has no example"));
         let shown = format!("  rig {command}");
         assert!(
             examples.contains(shown.trim_end()),
@@ -118,9 +118,9 @@ fn completions_know_every_subcommand() {
     let names = subcommands(&help);
     assert!(names.contains(&"diagnose".to_owned()));
     for (shell, mark) in [
-        ("bash", "complete -F _rig"),
-        ("zsh", "#compdef rig"),
-        ("fish", "complete -c rig"),
+        ("bash", "complete -F _softrig"),
+        ("zsh", "#compdef softrig"),
+        ("fish", "complete -c softrig"),
     ] {
         let line = format!("completions {shell}");
         let script = stdout(&bench.line(&line).assert().success().stderr(is_empty()));

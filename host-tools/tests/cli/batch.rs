@@ -1,4 +1,4 @@
-//! `rig diagnose --batch`: many cases, shared between jobs.
+//! `softrig diagnose --batch`: many cases, shared between jobs.
 
 use predicates::prelude::*;
 use predicates::str::contains;

@@ -184,7 +184,7 @@ fn whoever_reads_a_recording_is_told_that_it_is_not_complete() {
             "diagnose --model m.toml cut.csv",
         ] {
             let said = harmless(&mut bench.line(line));
-            assert_eq!(said.matches(part).count(), 1, "`rig {line}`: {said}");
+            assert_eq!(said.matches(part).count(), 1, "`softrig {line}`: {said}");
         }
         bench.put("cut.meta.toml", "complete = true\nsamples = 200\n");
         let said = harmless(&mut bench.line("compare --model m.toml cut.csv"));

@@ -1,4 +1,4 @@
-//! `rig diagnose`: the verdict, its schema, and a search that is ended early.
+//! `softrig diagnose`: the verdict, its schema, and a search that is ended early.
 
 #[cfg(unix)]
 use std::process::Stdio;
@@ -28,7 +28,7 @@ fn assert_numbers(value: &Value, wanted: &[&str]) {
     }
 }
 
-/// Whether `value` obeys `schema`, for the part of JSON Schema that `rig schema`
+/// Whether `value` obeys `schema`, for the part of JSON Schema that `softrig schema`
 /// uses; a keyword beyond it is an error and not passed over.
 fn obeys(value: &Value, schema: &Value, root: &Value) -> bool {
     let Value::Object(rules) = schema else {
@@ -190,7 +190,7 @@ fn a_diagnosis_writes_the_verdict_and_the_repaired_model() {
     // The template engine escapes slashes as well.
     let page = bench.text("report.html").replace("&#x2f;", "/");
     assert!(page.starts_with("<!DOCTYPE html>") && page.ends_with("</html>"));
-    assert!(page.contains("rig diagnose --model demo/model.toml --seed 5 --json v.json"));
+    assert!(page.contains("softrig diagnose --model demo/model.toml --seed 5 --json v.json"));
 
     let found = verdict("v.json");
     assert_verdict(&found, &schema);
@@ -363,7 +363,7 @@ fn interrupted(bench: &Bench, folder: &str) -> String {
     use rustix::process::{Pid, Signal, kill_process};
 
     let recordings = ["step30_1", "step60_1", "step90_1", "triangle"];
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_softrig"))
         .current_dir(bench.folder())
         .args(["diagnose", "--model", "demo/model.toml", "--resume", folder])
         .args(["--json", "v.json", "--report", "r.html"])

@@ -1,9 +1,9 @@
-//! The pages are followed as a reader would: every command line of `rig` in them that needs no
+//! The pages are followed as a reader would: every command line of `softrig` in them that needs no
 //! bench is run, in the order of its page and in a folder of its own, and what a page shows of
 //! the output has to be in the output.
 //!
 //! What differs from one computer or run to the next is a `…` in the page. That every line is
-//! one that `rig` accepts is asserted in `src/command/documented.rs`.
+//! one that `softrig` accepts is asserted in `src/command/documented.rs`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -16,29 +16,29 @@ use super::common::pages::{self, Line, blocks, command_lines, words};
 
 /// Lines that are not run: how one begins, and why.
 const NOT_RUN: &[(&str, &str)] = &[
-    ("rig monitor", "a screen, which needs a terminal"),
-    ("rig calibrate", "somebody bends the sensor"),
-    ("rig flash", "flash_on_the_virtual_rig.rs runs it"),
-    ("rig next", "somebody turns the base; minutes"),
+    ("softrig monitor", "a screen, which needs a terminal"),
+    ("softrig calibrate", "somebody bends the sensor"),
+    ("softrig flash", "flash_on_the_virtual_rig.rs runs it"),
+    ("softrig next", "somebody turns the base; minutes"),
     (
-        "rig commission --port",
+        "softrig commission --port",
         "somebody presses the switches; minutes",
     ),
     (
-        "rig commission --virtual",
+        "softrig commission --virtual",
         "minutes; commission_on_the_virtual_rig.rs runs it",
     ),
-    ("rig init #", "it asks"),
+    ("softrig init #", "it asks"),
     (
-        "rig diagnose --model pendulum/",
+        "softrig diagnose --model pendulum/",
         "recordings of another laboratory",
     ),
     (
-        "rig diagnose --model m.toml bag.mcap",
+        "softrig diagnose --model m.toml bag.mcap",
         "a log of another laboratory",
     ),
     (
-        "rig materials fit-curve",
+        "softrig materials fit-curve",
         "tensile curves of another laboratory",
     ),
 ];
@@ -46,7 +46,7 @@ const NOT_RUN: &[(&str, &str)] = &[
 /// Lines of one page that are not run.
 const SLOW: &[(&str, &str, &str)] = &[(
     "custom-effects.md",
-    "rig diagnose --model demo",
+    "softrig diagnose --model demo",
     "a minute: the rig is not in the catalogue",
 )];
 
@@ -183,7 +183,7 @@ fn lines_of(page: &str) -> Vec<Shown> {
             open = false;
             continue;
         }
-        let lines = command_lines(block.text, "rig");
+        let lines = command_lines(block.text, "softrig");
         open = !lines.is_empty();
         found.extend(lines.into_iter().map(|line| Shown {
             quoted: line.shown.clone(),
@@ -275,7 +275,7 @@ struct Reader {
 
 impl Reader {
     fn shell(&self, line: &str) -> Command {
-        let program = Path::new(env!("CARGO_BIN_EXE_rig"));
+        let program = Path::new(env!("CARGO_BIN_EXE_softrig"));
         let folder = program.parent().unwrap().display();
         let path = std::env::var("PATH").unwrap_or_default();
         let mut command = Command::new("timeout");
@@ -292,7 +292,7 @@ impl Reader {
     fn serve(&mut self, line: &str) {
         self.rig = None;
         let _ = std::fs::remove_file(self.bench.path(LINK));
-        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_softrig"));
         command
             .args(&words(line)[1..])
             .args(["--speed", "max"])
@@ -300,7 +300,7 @@ impl Reader {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null());
-        self.rig = Some(Served(command.spawn().expect("rig starts")));
+        self.rig = Some(Served(command.spawn().expect("softrig starts")));
         let clock = Instant::now();
         while !self.bench.path(LINK).exists() {
             assert!(
@@ -324,13 +324,13 @@ impl Reader {
     fn run(&mut self, shown: &Shown) -> Result<(), String> {
         let command = &shown.line.command;
         let line = command.replace(BOARD, LINK);
-        if line.starts_with("rig virtual") {
+        if line.starts_with("softrig virtual") {
             self.serve(&line);
             self.has_own_rig = true;
             return Ok(());
         }
         if line.contains(LINK) && self.rig.is_none() {
-            self.serve(&format!("rig virtual --link {LINK}"));
+            self.serve(&format!("softrig virtual --link {LINK}"));
         }
         let form = FORMS.iter().find(|(part, ..)| line.contains(part));
         let plain = form.map(|(_, name, form)| {
@@ -345,7 +345,7 @@ impl Reader {
             if self.made.insert(pair[1].clone()) {
                 let file = self.bench.path(&pair[1]);
                 kept.extend(
-                    (!self.has_own_rig && line.starts_with("rig record"))
+                    (!self.has_own_rig && line.starts_with("softrig record"))
                         .then(|| (pair[1].clone(), std::fs::read(&file).unwrap_or_default())),
                 );
                 let _ = std::fs::remove_file(file.with_extension("meta.toml"));
@@ -393,7 +393,7 @@ fn plan() -> Vec<(String, Vec<(Shown, Fate)>)> {
         // A page with a rig of its own is followed from end to end.
         let has_own_rig = lines
             .iter()
-            .any(|it| it.line.command.starts_with("rig virtual"));
+            .any(|it| it.line.command.starts_with("softrig virtual"));
         let lines = lines.into_iter().map(|shown| {
             let line = shown.line.command.replace(BOARD, LINK);
             let typed = words(&line).join(" ");
@@ -505,7 +505,7 @@ fn every_line_is_run_or_has_a_reason() {
     let not_run = count(|fate| matches!(fate, Fate::NotRun(_)));
     assert!(4 * not_run < all.len(), "{not_run} of {}", all.len());
     let said = format!(
-        "Of {} lines of `rig` on the pages, {run} are run, {elsewhere} are the same as one that is, and {not_run} have a reason",
+        "Of {} lines of `softrig` on the pages, {run} are run, {elsewhere} are the same as one that is, and {not_run} have a reason",
         all.len()
     );
     println!("{said}");

@@ -1,4 +1,4 @@
-//! `rig export`.
+//! `softrig export`.
 
 use predicates::str::{contains, is_match};
 

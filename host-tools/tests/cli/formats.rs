@@ -1,4 +1,4 @@
-//! Recordings as laboratories have them, through the `rig` command: other columns, other
+//! Recordings as laboratories have them, through the `softrig` command: other columns, other
 //! units, other formats, and there and back.
 //!
 //! The files in `data/` were written by the programs whose names they have: scipy, pyarrow, numpy,

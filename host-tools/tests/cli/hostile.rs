@@ -77,7 +77,7 @@ fn names_of_files_are_not_obeyed_by_the_terminal() {
         let said = harmless(bench.line(line).args(files));
         assert!(
             line.starts_with("compare broken") || said.contains("\\u001b]0;title"),
-            "`rig {line}` does not show the name: {said:?}"
+            "`softrig {line}` does not show the name: {said:?}"
         );
     }
 }

@@ -1,4 +1,4 @@
-//! `rig init` as someone without a model meets it.
+//! `softrig init` as someone without a model meets it.
 //!
 //! What it writes has to be a model that the other commands take, that follows the recording
 //! it came from, and that says of each number where it is from; and it has to leave alone
@@ -21,7 +21,7 @@ fn with_example(hidden: Hidden, seed: u64) -> (Bench, Model<f64>) {
     let example = make(hidden, 0.4, seed).unwrap();
     example.write(bench.folder()).unwrap();
     let truth = ModelFile::read(&bench.path("truth.toml")).unwrap().model;
-    // What `rig init` would find in its place.
+    // What `softrig init` would find in its place.
     std::fs::remove_file(bench.path("model.toml")).unwrap();
     (bench, truth)
 }
@@ -30,7 +30,7 @@ fn model(bench: &Bench) -> ModelFile {
     ModelFile::read(&bench.path("model.toml")).unwrap()
 }
 
-/// What `rig simulate` says of the model's RMS error over a recording (°).
+/// What `softrig simulate` says of the model's RMS error over a recording (°).
 fn error_deg(bench: &Bench, recording: &str) -> f64 {
     let line = format!("simulate --model model.toml --recording {recording}");
     printed_error(&bench.line(&line).assert().success())
@@ -67,7 +67,7 @@ fn without_a_terminal_it_says_what_to_give() {
         "init",
         &[
             "no terminal to ask on",
-            "rig init --recording step.csv",
+            "softrig init --recording step.csv",
             "--length-mm 94",
         ],
     );
@@ -78,7 +78,8 @@ fn a_beam_gives_stiffness_and_exponent_and_the_rest_is_a_guess() {
     let bench = Bench::empty();
     let beam = "init --material ecoflex-0030 --length-mm 94 --width-mm 30 --height-mm 24";
     bench.line(beam).assert().success().stdout(
-        contains("written: model.toml").and(contains("rig upload --port PORT --model model.toml")),
+        contains("written: model.toml")
+            .and(contains("softrig upload --port PORT --model model.toml")),
     );
     let file = model(&bench);
     let actuator = file.actuator.as_ref().unwrap();
@@ -205,7 +206,7 @@ fn what_hides_nothing_is_identified() {
     for part in [
         "# stiffness K; fitted; 95 % interval",
         "# effective inertia M; by convention",
-        "rig diagnose --model model.toml recordings/step30_1.csv",
+        "softrig diagnose --model model.toml recordings/step30_1.csv",
         "free = [\"damping\", \"stiffness\", \"exponent\", \"input_gain\"]",
     ] {
         assert!(text.contains(part), "{part:?} not in\n{text}");
@@ -317,7 +318,7 @@ fn noise_is_not_explained() {
     assert!(bench.text("model.toml").contains("It explains little"));
 }
 
-/// `rig init` on a terminal of its own: answers each question as it is asked, and returns
+/// `softrig init` on a terminal of its own: answers each question as it is asked, and returns
 /// the exit code.
 #[cfg(unix)]
 fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
@@ -343,7 +344,7 @@ fn converse(bench: &Bench, dialogue: &[(&str, &str)]) -> Option<i32> {
     modes.make_raw();
     tcsetattr(&keyboard, OptionalActions::Now, &modes).unwrap();
     let slave = || Stdio::from(open());
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_softrig"))
         .current_dir(bench.folder())
         .arg("init")
         .env("TERM", "xterm")

@@ -190,7 +190,7 @@ fn the_schema_of_a_model_is_that_of_its_reader() {
             .assert()
             .code(code);
     }
-    // What rig init writes says where editors find it.
+    // What softrig init writes says where editors find it.
     bench.prints("init --recording demo/recordings/step60_1.csv -o first.toml");
     assert!(
         bench

@@ -1,4 +1,4 @@
-//! The `rig` command as its users meet it: what it prints, writes and returns.
+//! The `softrig` command as its users meet it: what it prints, writes and returns.
 //!
 //! A lab hands over damaged files, swapped columns and slips of the keyboard.
 //! Each has to end in one sentence that says where and what to do, in exit

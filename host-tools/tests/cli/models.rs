@@ -111,7 +111,7 @@ fn models_that_are_not_there_are_refused() {
     let bench = Bench::new();
     bench.put("bad.toml", "");
     for command in MODEL_READERS {
-        bench.refuses(command, &["bad.toml", "is empty", "rig init"]);
+        bench.refuses(command, &["bad.toml", "is empty", "softrig init"]);
     }
     std::fs::remove_file(bench.path("bad.toml")).unwrap();
     for command in MODEL_READERS {
@@ -211,21 +211,34 @@ fn a_setup_that_a_model_knows_nothing_of_is_not_uploaded() {
     }
 }
 
-/// `rig.toml` names the model of a folder; the command line counts more.
+/// `softrig.toml` names the model of a folder; the command line counts more.
 #[test]
 fn the_model_of_a_folder_is_named_once() {
     let bench = Bench::new();
     bench.put("finger.toml", MODEL);
-    bench.put("rig.toml", "schema = 1\nmodel = \"finger.toml\"\n");
+    bench.put("softrig.toml", "schema = 1\nmodel = \"finger.toml\"\n");
     let line = "simulate --protocol step --angle-deg 30 --json - -o";
     let assert = bench.line(&format!("{line} a.csv")).assert().success();
     let remark = stderr(&assert);
     assert!(
-        remark.contains("The model is finger.toml, as rig.toml says."),
+        remark.contains("The model is finger.toml, as softrig.toml says."),
         "{remark}"
     );
     // What is said of it does not mix with the result.
     assert!(stdout(&assert).starts_with('{'));
+
+    // Under the name that it had before, with the remark that it has another now.
+    let new = std::fs::read_to_string(bench.path("softrig.toml")).unwrap();
+    std::fs::remove_file(bench.path("softrig.toml")).unwrap();
+    bench.put("rig.toml", &new);
+    let assert = bench.line(&format!("{line} old.csv")).assert().success();
+    let remark = stderr(&assert);
+    assert!(
+        remark.contains("rig.toml is read: its name is softrig.toml now")
+            && remark.contains("The model is finger.toml, as rig.toml says."),
+        "{remark}"
+    );
+    bench.put("softrig.toml", &new);
 
     let softer = MODEL.replace("stiffness_n_per_rad_n = ", "stiffness_n_per_rad_n = 0.5 # ");
     assert_ne!(softer, MODEL);
@@ -248,24 +261,24 @@ fn the_model_of_a_folder_is_named_once() {
         "residuals good.csv",
         "simulate --protocol step",
     ] {
-        bench.put("rig.toml", "schema = 1\n\nmodel = \"gone.toml\"\n");
+        bench.put("softrig.toml", "schema = 1\n\nmodel = \"gone.toml\"\n");
         bench.refuses(
             command,
             &[
-                "rig.toml, line 3, column 9",
+                "softrig.toml, line 3, column 9",
                 "gone.toml is not there",
                 "--model",
             ],
         );
-        bench.put("rig.toml", "schema = 1\n");
+        bench.put("softrig.toml", "schema = 1\n");
         bench.refuses(command, &["no model is named", "give --model MODEL.toml"]);
     }
     let line = format!("{line} c.csv");
-    bench.put("rig.toml", "schema = 1\nmodell = \"finger.toml\"\n");
+    bench.put("softrig.toml", "schema = 1\nmodell = \"finger.toml\"\n");
     bench.refuses(
         &line,
-        &["rig.toml, line 2, column 1", "modell", "its keys are"],
+        &["softrig.toml, line 2, column 1", "modell", "its keys are"],
     );
-    bench.put("rig.toml", "schema = 1\nmodel = 3\n");
-    bench.refuses(&line, &["rig.toml, line 2, column 9"]);
+    bench.put("softrig.toml", "schema = 1\nmodel = 3\n");
+    bench.refuses(&line, &["softrig.toml, line 2, column 9"]);
 }

@@ -187,7 +187,7 @@ fn a_result_can_go_down_a_pipe_or_behind_a_file() {
         Command::new("sh")
             .current_dir(bench.folder())
             .args(["-c", script])
-            .env("RIG", env!("CARGO_BIN_EXE_rig"))
+            .env("SOFTRIG", env!("CARGO_BIN_EXE_softrig"))
             .timeout(Duration::from_secs(60))
             .assert()
             .success();
@@ -265,7 +265,7 @@ fn a_full_disk_keeps_the_results_that_are_there() {
         let assert = Command::new("sh")
             .current_dir(bench.folder())
             .args(["-c", "trap '' XFSZ; ulimit -f 0; exec \"$0\" \"$@\""])
-            .arg(env!("CARGO_BIN_EXE_rig"))
+            .arg(env!("CARGO_BIN_EXE_softrig"))
             .args(line.split_whitespace())
             .assert()
             .code(2);
@@ -274,11 +274,11 @@ fn a_full_disk_keeps_the_results_that_are_there() {
         assert!(
             said.contains(&format!("error: {out}: cannot be written: "))
                 && said.contains("make space on the disk"),
-            "`rig {line}`: {said}"
+            "`softrig {line}`: {said}"
         );
         assert!(
             before == bench.contents(),
-            "`rig {line}` changed the folder"
+            "`softrig {line}` changed the folder"
         );
         std::fs::remove_file(bench.path(out)).unwrap();
         let _ = std::fs::remove_file(bench.path("out.meta.toml"));
@@ -301,7 +301,7 @@ fn a_reader_that_has_seen_enough_is_no_fault() {
     ] {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let output = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_softrig"))
             .current_dir(bench.folder())
             .args(line.split_whitespace())
             .stdout(writer)
@@ -309,10 +309,10 @@ fn a_reader_that_has_seen_enough_is_no_fault() {
             .output()
             .unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(said, "", "`rig {line}`");
+        assert_eq!(said, "", "`softrig {line}`");
         assert!(
             output.status.success(),
-            "`rig {line}` ends with {}",
+            "`softrig {line}` ends with {}",
             output.status
         );
     }

@@ -1,4 +1,4 @@
-//! `rig example`, `rig simulate`, `rig fit` and `rig compare`.
+//! `softrig example`, `softrig simulate`, `softrig fit` and `softrig compare`.
 
 use assert_cmd::assert::Assert;
 use predicates::prelude::*;
@@ -90,7 +90,7 @@ fn a_fit_says_that_the_zeros_of_the_sensors_are_far() {
     assert!(width(&stdout(&off)) > 3.0 * width(&stdout(&right)));
 }
 
-/// The RMS error (°) that `rig simulate` prints.
+/// The RMS error (°) that `softrig simulate` prints.
 pub fn printed_error(assert: &Assert) -> f64 {
     let text = stdout(assert);
     let (_, number) = text.split_once("against the recording: ").unwrap();

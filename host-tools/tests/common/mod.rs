@@ -1,4 +1,4 @@
-//! What tests of the `rig` command share: a folder to run it in, and what to put there.
+//! What tests of the `softrig` command share: a folder to run it in, and what to put there.
 #![allow(dead_code)] // Each test program uses its part.
 
 pub mod pages;
@@ -97,9 +97,9 @@ impl Bench {
         Recording::read(&self.path(name)).unwrap().0
     }
 
-    /// `rig` with a command line without quotes.
+    /// `softrig` with a command line without quotes.
     pub fn line(&self, line: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_rig"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_softrig"));
         command
             .current_dir(self.folder())
             // A panic would print its backtrace.
@@ -138,12 +138,15 @@ impl Bench {
         let before = self.contents();
         let said = stderr(&self.line(line).assert().code(2).stdout(is_empty()));
         for part in parts {
-            assert!(said.contains(part), "`rig {line}`: no {part:?} in {said:?}");
+            assert!(
+                said.contains(part),
+                "`softrig {line}`: no {part:?} in {said:?}"
+            );
         }
         assert!(!said.contains("panicked"), "{said}");
         assert!(
             before == self.contents(),
-            "`rig {line}` changed the folder, and said {said:?}"
+            "`softrig {line}` changed the folder, and said {said:?}"
         );
         said
     }
@@ -151,19 +154,22 @@ impl Bench {
     /// As [`Bench::fails`], in one sentence with these parts in this order and advice at its end.
     pub fn refuses(&self, line: &str, parts: &[&str]) {
         let said = self.fails(line, &[]);
-        let sentence = said
-            .strip_prefix("error: ")
-            .unwrap_or_else(|| panic!("`rig {line}` does not begin with \"error: \": {said:?}"));
-        assert_eq!(said.lines().count(), 1, "`rig {line}` says {said:?}");
+        let sentence = said.strip_prefix("error: ").unwrap_or_else(|| {
+            panic!("`softrig {line}` does not begin with \"error: \": {said:?}")
+        });
+        assert_eq!(said.lines().count(), 1, "`softrig {line}` says {said:?}");
         let mut rest = sentence;
         for part in parts {
             rest = rest
                 .split_once(part)
-                .unwrap_or_else(|| panic!("`rig {line}`: no {part:?} (in order) in {said:?}"))
+                .unwrap_or_else(|| panic!("`softrig {line}`: no {part:?} (in order) in {said:?}"))
                 .1;
         }
         let advice = sentence.rsplit_once("; ").map_or("", |(_, advice)| advice);
-        assert!(advice.len() > 8, "`rig {line}` gives no advice: {said:?}");
+        assert!(
+            advice.len() > 8,
+            "`softrig {line}` gives no advice: {said:?}"
+        );
     }
 }
 

@@ -32,14 +32,14 @@ pub fn programs() -> Option<(PathBuf, PathBuf)> {
     found.map(|(image, simulator)| (image.into(), simulator.into()))
 }
 
-/// `rig` in a folder, to its end.
+/// `softrig` in a folder, to its end.
 pub fn rig(folder: &TempDir, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_rig"))
+    Command::new(env!("CARGO_BIN_EXE_softrig"))
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())
         .output()
-        .expect("rig starts")
+        .expect("softrig starts")
 }
 
 /// A running simulator.
@@ -104,7 +104,7 @@ impl VirtualRig {
         let _ = self.child.wait();
     }
 
-    /// `rig` in its folder, to its end.
+    /// `softrig` in its folder, to its end.
     pub fn rig(&self, arguments: &[&str]) -> Output {
         rig(&self.folder, arguments)
     }

@@ -10,10 +10,10 @@ use std::{
     process::Command,
 };
 
-use host_tools::export::{Defaults, Language, export};
 use model_core::{catalogue::Kind, integrate::Scheme};
 use softrig::sim::simulate::{Grain, InitialState, Origin, Signal, Stepping, run_from};
 use softrig::synth::example::{Hidden, make};
+use softrig_cli::export::{Defaults, Language, export};
 use softrig_formats::model_file::ModelFile;
 use tempfile::TempDir;
 
@@ -131,7 +131,7 @@ fn with_effects(damping: f64, effects: &str) -> String {
     )
 }
 
-/// Every effect as `rig example` draws it, tables of each variable, and what effects do to
+/// Every effect as `softrig example` draws it, tables of each variable, and what effects do to
 /// each other.
 #[allow(clippy::too_many_lines)] // A table.
 fn models() -> Vec<(String, ModelFile)> {

@@ -1,4 +1,4 @@
-//! `rig calibrate`, with sensors in a hand.
+//! `softrig calibrate`, with sensors in a hand.
 
 use std::io::Write;
 

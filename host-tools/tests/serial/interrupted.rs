@@ -244,12 +244,12 @@ fn ctrl_c_stops_the_pump_and_keeps_the_recording() {
     }
 }
 
-/// Starts `rig` where no file can have more than `blocks` blocks of a shell: as full as a disk
+/// Starts `softrig` where no file can have more than `blocks` blocks of a shell: as full as a disk
 /// gets without one. The shell that is killed by the signal for it is told to ignore it.
 fn start_with_room(bench: &Bench, blocks: u32, line: &str) -> Child {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
     let mut command = std::process::Command::new("sh");
-    let command = command.args(["-c", &script, env!("CARGO_BIN_EXE_rig")]);
+    let command = command.args(["-c", &script, env!("CARGO_BIN_EXE_softrig")]);
     bench.start_by(command.args(bench.words(line)))
 }
 
@@ -304,7 +304,7 @@ fn a_disk_that_is_full_from_the_start_keeps_the_recording_that_is_there() {
     assert!(
         !left
             .iter()
-            .any(|name| name.to_string_lossy().starts_with(".rig-")),
+            .any(|name| name.to_string_lossy().starts_with(".softrig-")),
         "{left:?}"
     );
 }

@@ -1,4 +1,4 @@
-//! Finding a board, agreeing with it, and living with what it says; `rig monitor` and `rig ports`.
+//! Finding a board, agreeing with it, and living with what it says; `softrig monitor` and `softrig ports`.
 
 use std::time::{Duration, Instant};
 
@@ -44,7 +44,7 @@ fn a_port_that_another_program_has_open_is_left_to_it_by_name() {
         .failed(
             2,
             &[
-                &format!("rig (process {}) has it open", first.id()),
+                &format!("softrig (process {}) has it open", first.id()),
                 "close that program",
             ],
         );
@@ -63,7 +63,7 @@ fn a_silent_board_is_given_up() {
     let begun = Instant::now();
     bench
         .rig("monitor --port PORT --plain")
-        .failed(1, &["not a byte came", "power", "rig flash"]);
+        .failed(1, &["not a byte came", "power", "softrig flash"]);
     assert!(begun.elapsed() < Duration::from_secs(12));
 }
 
@@ -95,7 +95,7 @@ fn something_else_than_softrig_is_told_from_silence() {
     });
     bench
         .rig("monitor --port PORT --plain")
-        .failed(1, &["no softrig firmware answered", "rig ports"]);
+        .failed(1, &["no softrig firmware answered", "softrig ports"]);
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn another_version_names_who_has_to_move() {
     bench.board.script().version = 0;
     bench
         .rig("upload --port PORT --model m.toml")
-        .failed(1, &["version 0", "rig flash"]);
+        .failed(1, &["version 0", "softrig flash"]);
 }
 
 #[test]
@@ -150,7 +150,7 @@ fn what_a_board_says_is_not_obeyed_by_the_terminal() {
         for text in [&said.out, &said.err] {
             assert!(
                 !text.contains(|c: char| (c.is_control() && c != '\n') || c == '\u{202e}'),
-                "`rig {}` said {text:?}",
+                "`softrig {}` said {text:?}",
                 said.line
             );
         }
@@ -228,7 +228,7 @@ fn the_monitor_sends_json_for_other_programs() {
     assert!(said.err.contains("HOST:PORT"), "{}", said.err);
 }
 
-/// A client of `rig monitor --foxglove`: what Foxglove and Lichtblick do.
+/// A client of `softrig monitor --foxglove`: what Foxglove and Lichtblick do.
 struct Client(tungstenite::WebSocket<std::net::TcpStream>);
 
 impl Client {
@@ -441,35 +441,35 @@ fn the_port_is_named_once_for_all_commands() {
     let monitor = "monitor --plain --seconds 0.2";
     bench
         .line(monitor)
-        .env_remove("RIG_PORT")
+        .env_remove("SOFTRIG_PORT")
         .assert()
         .code(2)
-        .stderr(contains("no port is named").and(contains("RIG_PORT")));
+        .stderr(contains("no port is named").and(contains("SOFTRIG_PORT")));
     bench
         .line(monitor)
-        .env("RIG_PORT", &port)
+        .env("SOFTRIG_PORT", &port)
         .assert()
         .success();
     let measured =
         "board = \"simulated\"\n[clock]\nfactor = 1.0\nstandard_error = 1e-5\nseconds = 60.0\n";
     bench.put(
-        "rig.toml",
+        "softrig.toml",
         format!("schema = 1\nport = \"{port}\"\n{measured}"),
     );
     bench
         .line(monitor)
-        .env_remove("RIG_PORT")
+        .env_remove("SOFTRIG_PORT")
         .assert()
         .success();
     bench
         .line(monitor)
-        .env("RIG_PORT", "nowhere")
+        .env("SOFTRIG_PORT", "nowhere")
         .assert()
         .code(2)
         .stderr(contains("nowhere"));
     bench
         .line(&format!("{monitor} --port {port}"))
-        .env("RIG_PORT", "nowhere")
+        .env("SOFTRIG_PORT", "nowhere")
         .assert()
         .success();
 }

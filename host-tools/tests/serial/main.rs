@@ -79,7 +79,7 @@ impl Bench {
             .collect()
     }
 
-    /// Runs `rig`; `PORT` stands for the board's.
+    /// Runs `softrig`; `PORT` stands for the board's.
     fn rig(&self, line: &str) -> Said {
         self.rig_with(line, "")
     }
@@ -96,9 +96,9 @@ impl Bench {
         Said::new(line, output)
     }
 
-    /// Starts `rig` and leaves it running.
+    /// Starts `softrig` and leaves it running.
     fn start(&self, line: &str) -> Child {
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_rig"));
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_softrig"));
         self.start_by(command.args(self.words(line)))
     }
 
@@ -144,7 +144,7 @@ impl Said {
         assert_eq!(
             self.code,
             Some(0),
-            "`rig {}` said\n{}{}",
+            "`softrig {}` said\n{}{}",
             self.line,
             self.out,
             self.err
@@ -157,7 +157,7 @@ impl Said {
         assert_eq!(
             self.code,
             Some(code),
-            "`rig {}` said\n{}{}",
+            "`softrig {}` said\n{}{}",
             self.line,
             self.out,
             self.err
@@ -172,7 +172,7 @@ impl Said {
     fn says(&self, part: &str) {
         assert!(
             self.out.contains(part),
-            "`rig {}`: no {part:?} in {:?}",
+            "`softrig {}`: no {part:?} in {:?}",
             self.line,
             self.out
         );

@@ -1,4 +1,4 @@
-//! What `rig record` leaves, and what keeps it from moving anything.
+//! What `softrig record` leaves, and what keeps it from moving anything.
 
 use std::time::{Duration, Instant};
 
@@ -16,7 +16,7 @@ fn a_protocol_is_recorded_as_one_file_with_its_runs_as_segments() {
     let said = bench
         .rig("record --port PORT --protocol two.toml -o run.csv")
         .ok();
-    said.says("rig diagnose --model MODEL.toml run.csv");
+    said.says("softrig diagnose --model MODEL.toml run.csv");
     assert!(!bench.path("run_60_1.csv").exists());
     for heard in [
         "arm",
@@ -166,7 +166,7 @@ fn steps_are_cut_into_files_when_asked() {
         .rig("record --port PORT --protocol two.toml -o run.csv --split")
         .ok();
     said.says("run_60_1.csv");
-    said.says("rig diagnose --model MODEL.toml run.csv");
+    said.says("softrig diagnose --model MODEL.toml run.csv");
     let whole = bench.recording("run.csv");
     assert_eq!(whole.meta.segment.len(), 2);
     assert_eq!(whole.meta.part_of, None);

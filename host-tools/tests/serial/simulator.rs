@@ -1,4 +1,4 @@
-//! `rig virtual`: finding the simulator, starting and ending it.
+//! `softrig virtual`: finding the simulator, starting and ending it.
 
 use std::path::Path;
 use std::process::Stdio;
@@ -11,8 +11,8 @@ fn a_simulator_that_is_not_built_says_how_to_build_it() {
     // As deep as cargo builds it: it looks around in three folders above itself.
     let built = folder.path().join("target/release");
     std::fs::create_dir_all(&built).unwrap();
-    let rig = built.join("rig");
-    std::fs::copy(env!("CARGO_BIN_EXE_rig"), &rig).unwrap();
+    let rig = built.join("softrig");
+    std::fs::copy(env!("CARGO_BIN_EXE_softrig"), &rig).unwrap();
     let run = |args: &[&str], simulator: Option<&Path>| {
         let mut command = std::process::Command::new(&rig);
         command.current_dir(folder.path()).arg("virtual").args(args);
@@ -34,7 +34,7 @@ fn a_simulator_that_is_not_built_says_how_to_build_it() {
     let said = run(&["--image", image, "--hide", "7", "--link", "here"], None).ok();
     said.says("serve --control --image");
     said.says("--link here --hide 7 --speed realtime");
-    said.says("rig monitor --port");
+    said.says("softrig monitor --port");
     executable(&simulator, "echo broken >&2\nexit 3\n");
     run(&["--image", image], Some(&simulator)).failed(1, &["broken", "exit status: 3"]);
 }
@@ -46,7 +46,7 @@ fn arguments_that_the_simulator_refuses_are_wrong_input() {
         let folder = tempfile::tempdir().unwrap();
         let simulator = folder.path().join("virtual-rig");
         executable(&simulator, &format!("exit {its}\n"));
-        let status = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+        let status = std::process::Command::new(env!("CARGO_BIN_EXE_softrig"))
             .current_dir(folder.path())
             .args(["virtual", "--image", "virtual-rig", "--clock-error", "5"])
             .env("SOFTRIG_VIRTUAL_RIG", &simulator)
@@ -65,7 +65,7 @@ fn the_simulator_is_told_to_end() {
         &simulator,
         "trap 'echo ended > ended; exit 0' TERM\necho port somewhere\nwhile :; do sleep 0.05; done\n",
     );
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_rig"))
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_softrig"))
         .current_dir(folder.path())
         .args(["virtual", "--image", "virtual-rig"])
         .env("SOFTRIG_VIRTUAL_RIG", &simulator)

@@ -1,4 +1,4 @@
-//! `rig upload`: models and settings, read back.
+//! `softrig upload`: models and settings, read back.
 
 use softrig_link::{Link, SerialConnector, Timing};
 use wire::settings::Key;

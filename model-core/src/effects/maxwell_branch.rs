@@ -36,7 +36,7 @@ pub const INFO: Info = Info {
            After a pressure step the angle does not settle but goes on growing \
            slowly at constant pressure, and after the release it returns slowly. Many \
            elastomers do so over decades of time: with a slow share of 0.387 the branch follows \
-           a power law, and `rig diagnose` takes that where it leaves a tenth less.",
+           a power law, and `softrig diagnose` takes that where it leaves a tenth less.",
     signature: "time since the last command edge",
     look_alikes: &["stiffness_drift", "mullins_softening", "sensor_drift"],
 };

@@ -1,4 +1,4 @@
-//! How long each command of `rig` takes on the recordings of an example; `cargo xtask bench commands`
+//! How long each command of `softrig` takes on the recordings of an example; `cargo xtask bench commands`
 //! runs it.
 //!
 //! A machine that others use too is slower at times and never faster, so that the best of several
@@ -15,12 +15,12 @@ use softrig_tests::pages::put_section;
 use softrig_tests::process::succeed;
 use softrig_tests::real::children_cpu;
 
-/// Times each command of `rig` on the recordings of an example.
+/// Times each command of `softrig` on the recordings of an example.
 #[derive(Debug, Parser)]
 #[command(name = "cargo xtask bench commands")]
 struct Args {
     /// The program to time
-    #[arg(long, value_name = "PATH", overrides_with = "rig")]
+    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
     /// Where the example goes
     #[arg(long, value_name = "DIR", overrides_with = "folder")]
@@ -200,7 +200,7 @@ impl<'a> Bench<'a> {
             };
         }
         succeed(&mut command, LIMIT, &self.folder.join("log.txt"))
-            .map_err(|error| format!("rig {line}: {error}"))
+            .map_err(|error| format!("softrig {line}: {error}"))
     }
 
     fn time(&self, line: &'static str) -> Result<Timed, String> {
@@ -225,7 +225,7 @@ impl<'a> Bench<'a> {
         })
     }
 
-    /// Whether each command that `rig --help` lists has a line, or a reason.
+    /// Whether each command that `softrig --help` lists has a line, or a reason.
     fn every_command_has_a_line(&self) -> Result<(), String> {
         self.run("--help")?;
         let help = fs::read_to_string(self.folder.join("log.txt")).unwrap_or_default();
@@ -267,7 +267,7 @@ fn section(found: &[Timed], load: &str) -> String {
         // A string takes whatever is written to it.
         let _ = writeln!(
             text,
-            "| `rig {shown}` | {} | {} |",
+            "| `softrig {shown}` | {} | {} |",
             shown_seconds(timed.seconds),
             timed.cpu.map_or("–".into(), shown_seconds)
         );
@@ -275,7 +275,7 @@ fn section(found: &[Timed], load: &str) -> String {
     text += "\nNot in the table: ";
     let reasons = LEFT_OUT.iter().filter(|(_, why)| !why.is_empty());
     let reasons: Vec<String> = reasons
-        .map(|(command, why)| format!("`rig {command}` ({why})"))
+        .map(|(command, why)| format!("`softrig {command}` ({why})"))
         .collect();
     text + &reasons.join(", ") + "."
 }

@@ -6,10 +6,10 @@ use clap::Parser;
 use softrig_tests::rig_loop::Programs;
 use softrig_tests::rig_loop::decide::{Options, bench};
 
-/// Do the experiments that `rig` proposes decide what one session cannot tell?
+/// Do the experiments that `softrig` proposes decide what one session cannot tell?
 ///
 /// For each effect an actuator is drawn that hides it. One session is recorded on the virtual
-/// rig and diagnosed; where it cannot tell, `rig next` makes the experiments, two at most.
+/// rig and diagnosed; where it cannot tell, `softrig next` makes the experiments, two at most.
 #[derive(Debug, Parser)]
 #[command(
     name = "cargo xtask bench decide",

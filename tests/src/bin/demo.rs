@@ -1,6 +1,6 @@
 //! The loop once, for someone who has no rig yet; `cargo xtask demo` builds and runs it.
 //!
-//! Nothing here is staged: `rig flash` writes the image that a board would get, the simulator
+//! Nothing here is staged: `softrig flash` writes the image that a board would get, the simulator
 //! executes it, and every number comes over the serial port.
 
 use std::path::PathBuf;

@@ -16,7 +16,7 @@ use softrig_tests::shared_folder;
 #[command(name = "cargo xtask bench diagnosis")]
 struct Args {
     /// The program to time
-    #[arg(long, value_name = "PATH", overrides_with = "rig")]
+    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
     /// Where the example goes
     #[arg(long, value_name = "DIR", overrides_with = "folder")]
@@ -66,7 +66,7 @@ fn time(args: &Args) -> Result<(), String> {
     }
     times.sort_by(f64::total_cmp);
     println!(
-        "bench: rig diagnose, {name}, {} recordings: median of {RUNS} runs {:.1} s ({:.1} s to {:.1} s)",
+        "bench: softrig diagnose, {name}, {} recordings: median of {RUNS} runs {:.1} s ({:.1} s to {:.1} s)",
         case.recordings.len() + case.holdout.len(),
         times[RUNS / 2],
         times[0],

@@ -23,8 +23,8 @@ use softrig_tests::process::root;
 #[derive(Debug, Parser)]
 #[command(name = "cargo xtask bench many")]
 struct Args {
-    /// The program `rig`
-    #[arg(long, value_name = "PATH", overrides_with = "rig")]
+    /// The program `softrig`
+    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
     /// Where the recordings go
     #[arg(long, value_name = "DIR", overrides_with = "folder")]

@@ -20,7 +20,7 @@ use super::cases::stable_hash;
 /// What the second phase leaves of a case.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Outcome {
-    /// The verdict as `rig diagnose --json` writes it; none if the diagnosis
+    /// The verdict as `softrig diagnose --json` writes it; none if the diagnosis
     /// refused the recordings.
     pub verdict: Option<serde_json::Value>,
     /// Why it refused.

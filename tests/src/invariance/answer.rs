@@ -36,7 +36,7 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Reads what `rig diagnose --json` writes; none if it is no verdict.
+    /// Reads what `softrig diagnose --json` writes; none if it is no verdict.
     pub fn of(verdict: &Value) -> Option<Self> {
         let kinds = |list: &Value| -> Kinds {
             let list = list.as_array().into_iter().flatten();

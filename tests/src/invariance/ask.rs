@@ -1,4 +1,4 @@
-//! Asks `rig`, and keeps what it said, so that an interrupted run goes on where it stopped.
+//! Asks `softrig`, and keeps what it said, so that an interrupted run goes on where it stopped.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::process::{LOOK_AGAIN, reason, succeed, within};
 
 /// Kept answers of another version of the ways are asked for again.
 const VERSION: u32 = 2;
-/// How long `rig init` may take.
+/// How long `softrig init` may take.
 const INIT_LIMIT: Duration = Duration::from_secs(300);
 
 /// What became of a question.
@@ -144,7 +144,7 @@ impl Rig {
         })
     }
 
-    /// Lets `rig init` make a first model of recordings.
+    /// Lets `softrig init` make a first model of recordings.
     fn init(&self, recordings: &[PathBuf], path: &Path) -> Result<(), String> {
         let mut command = Command::new(&self.program);
         command.arg("init").arg("--recording").args(recordings);
@@ -326,7 +326,7 @@ mod tests {
         ALONE.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A program that takes the place of `rig`: it counts how often it was asked, and answers
+    /// A program that takes the place of `softrig`: it counts how often it was asked, and answers
     /// by the seed.
     const STAND_IN: &str = r#"#!/bin/sh
 here=$(dirname "$0")
@@ -401,7 +401,7 @@ echo "{\"verdict\": \"effect_found\", \"effects\": [{\"kind\": \"$kind\"}], \"rm
                 "leak",
                 "left out (one recording has one order)",
                 "gravity",
-                "left out (rig init: error: no plateau)"
+                "left out (softrig init: error: no plateau)"
             ]
         );
         // Another recording is another question.

@@ -48,7 +48,7 @@ pub struct Choice {
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = jobs)]
     pub jobs: usize,
     /// The program to ask
-    #[arg(long, value_name = "PATH", overrides_with = "rig")]
+    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     pub rig: PathBuf,
     /// Where questions and answers are kept
     #[arg(

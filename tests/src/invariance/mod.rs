@@ -6,7 +6,7 @@
 //! case as it is, then in the other [`ways`], and counts how often the answer stays.
 //!
 //! [`cases`] finds the cases, [`ways`] says how a question is changed, [`pose`] writes the
-//! changed files, [`ask`] runs `rig` and keeps what it said, [`answer`] compares two answers,
+//! changed files, [`ask`] runs `softrig` and keeps what it said, [`answer`] compares two answers,
 //! [`known`] scores them where somebody knows the truth, and [`tables`] prints. On the same
 //! cases [`calibration`] counts how often what is stated with a probability is right;
 //! [`choice`] is what both let one choose.

@@ -114,8 +114,8 @@ fn initial(
     fs::create_dir_all(folder)
         .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
     let path = folder.join("model.toml");
-    let _ = fs::remove_file(&path); // `rig init` writes over nothing.
-    first_model(&case.recordings, &path).map_err(|why| format!("rig init: {why}"))?;
+    let _ = fs::remove_file(&path); // `softrig init` writes over nothing.
+    first_model(&case.recordings, &path).map_err(|why| format!("softrig init: {why}"))?;
     let initial = model_file(&text_of(&path)?, &path)?;
     is_same_base(file, &initial)?;
     Ok(path)
@@ -130,10 +130,10 @@ fn is_same_base(file: &ModelFile, initial: &ModelFile) -> Result<(), String> {
     };
     let (more, less) = (others(initial, file), others(file, initial));
     if !more.is_empty() {
-        return Err(format!("rig init frees {} as well", more.join(" and ")));
+        return Err(format!("softrig init frees {} as well", more.join(" and ")));
     }
     if !less.is_empty() {
-        return Err(format!("rig init does not free {}", less.join(" and ")));
+        return Err(format!("softrig init does not free {}", less.join(" and ")));
     }
     let exponents = [file, initial].map(|it| it.model.value(ParameterId::Exponent));
     if let [Some(ours), Some(theirs)] = exponents
@@ -141,7 +141,7 @@ fn is_same_base(file: &ModelFile, initial: &ModelFile) -> Result<(), String> {
         && (ours - theirs).abs() > 1e-9
     {
         return Err(format!(
-            "rig init fixes the exponent at {theirs}, not {ours}"
+            "softrig init fixes the exponent at {theirs}, not {ours}"
         ));
     }
     Ok(())
@@ -298,7 +298,7 @@ mod tests {
                 "does not free input_gain",
             ),
             (Ok(model(FREE, 2.0)), "exponent at 2"),
-            (Err("refused".into()), "rig init: refused"),
+            (Err("refused".into()), "softrig init: refused"),
         ] {
             match posed(text) {
                 Posed::LeftOut(why) => assert!(why.contains(part), "{why}"),

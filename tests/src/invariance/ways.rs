@@ -30,7 +30,7 @@ pub enum Way {
     Order,
     /// With recordings in psi, rad and ms, and the flag that says so
     Units,
-    /// With the first model that `rig init` makes of the same recordings
+    /// With the first model that `softrig init` makes of the same recordings
     Init,
     /// With a first model that is wrong: damping and gain three times, stiffness a third
     Times3,

@@ -46,7 +46,7 @@ pub struct Options {
     #[arg(long, conflicts_with = "only")]
     docs: bool,
     /// The program to ask
-    #[arg(long, value_name = "PATH", overrides_with = "rig")]
+    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
     /// A Python with what tests/black_box needs
     #[arg(long, value_name = "PATH")]
@@ -329,10 +329,10 @@ mod tests {
             options: Options,
         }
         let parse = |line: &str| {
-            let line = format!("real --rig a/rig --python python {line}");
+            let line = format!("real --softrig a/rig --python python {line}");
             Line::try_parse_from(line.split_whitespace()).map(|line| line.options)
         };
-        let options = parse("--only pendulum,silverbox --rig b/rig").unwrap();
+        let options = parse("--only pendulum,silverbox --softrig b/rig").unwrap();
         assert_eq!(options.rigs().unwrap().len(), 2);
         assert_eq!(options.rig, Path::new("b/rig"));
         assert!(parse("--docs").unwrap().docs);

@@ -177,7 +177,7 @@ pub(super) fn summary(rows: &[RigResult]) -> String {
 
 const INTRODUCTION: &str = "\
 Eight rigs that others recorded; most of them are not soft actuators. The benchmark asks two
-questions. Does `rig diagnose` find in unknown hardware what its authors report? And does the
+questions. Does `softrig diagnose` find in unknown hardware what its authors report? And does the
 model that it writes predict the validation recordings? The recordings are not part of this
 repository. They are read from `data/real` in the folder `../shared`, or in the folder that
 `SOFTRIG_SHARED` names. The output files of a run are in `target/real/NAME`.
@@ -189,7 +189,7 @@ little or nothing is missing, and naming an effect is an error.
 const READING: &str = "\
 - **nominal, refit, repaired**: RMS error on the validation recordings, in the unit of the
   column `angle_deg`, which is not a degree for every rig (see the axis of each picture). They
-  come from the JSON of `rig diagnose`. Without a repair, the repaired model is the refit.
+  come from the JSON of `softrig diagnose`. Without a repair, the repaired model is the refit.
 - **closure**: the share of the gap that the repair explains (`closure.overall` of the JSON,
   where that is there, else `adequacy.holdout_gap_closed`).
 - **ARX, NARX**: black boxes on the same split (`tests/black_box/black_box.py`). ARX has up to
@@ -197,10 +197,10 @@ const READING: &str = "\
   of degree up to three, with its terms chosen by forward selection and cross-validation on
   the free-run error, and refined on that error. Both are judged by free-run simulation from
   measured initial samples, as many as the model's order. They contain no physics, and name none.
-- **NARX, free initial state**: `rig` estimates the zeros of both sensors and the initial state on each
+- **NARX, free initial state**: `softrig` estimates the zeros of both sensors and the initial state on each
   validation recording. The black boxes of the other columns start from noisy samples instead.
   In this column NARX gets the same zeros with the same priors, and a free initial angle and rate.
-- `rig` leaves out samples at which a sensor is at the end of its range; the black boxes are
+- `softrig` leaves out samples at which a sensor is at the end of its range; the black boxes are
   judged at every sample. For the black boxes, recordings of several sampling rates are resampled
   to the slowest fitted one, and may be decimated further by two or four. Their errors are still
   computed at the times of the recorded samples.

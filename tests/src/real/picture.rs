@@ -1,6 +1,6 @@
 //! The picture of a validation run of real data.
 //!
-//! The curves come from `rig simulate -o`, whose column `predicted_deg` stands beside
+//! The curves come from `softrig simulate -o`, whose column `predicted_deg` stands beside
 //! the measured angle.
 
 use std::ops::Range;
@@ -77,7 +77,7 @@ impl Simulated {
         let (recording, _) = Recording::read(path).map_err(|error| error.to_string())?;
         let predicted_deg = recording.column("predicted_deg").ok_or_else(|| {
             format!(
-                "{}: no column predicted_deg, which `rig simulate --recording` writes",
+                "{}: no column predicted_deg, which `softrig simulate --recording` writes",
                 path.display()
             )
         })?;

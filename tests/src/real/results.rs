@@ -1,4 +1,4 @@
-//! The results of `rig diagnose` and of the black-box models, as the page shows them.
+//! The results of `softrig diagnose` and of the black-box models, as the page shows them.
 
 use std::path::Path;
 
@@ -214,7 +214,7 @@ pub fn significant(value: f64) -> String {
 mod tests {
     use super::*;
 
-    /// As `rig` wrote it before answers were graded.
+    /// As `softrig` wrote it before answers were graded.
     const PLAIN: &str = r#"{ "schema": 1, "verdict": "effect_found",
         "effects": [{"kind": "gravity"}, {"kind": "coulomb_friction"}],
         "alternatives": [], "adequacy": {"adequate": true, "holdout_gap_closed": 0.951},

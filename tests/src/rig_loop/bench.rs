@@ -19,7 +19,7 @@ use crate::invariance::answer::Kinds;
 use crate::process::{root, succeed};
 use crate::verdict::{Verdict, in_words};
 
-/// The message of `rig upload` when the board refuses a model.
+/// The message of `softrig upload` when the board refuses a model.
 const REFUSED: &str = "the board still uses its old settings";
 /// How long an upload, or the comparison at the end, may take.
 const SHORT_LIMIT: Duration = Duration::from_secs(180);
@@ -434,7 +434,7 @@ fn page(asked: &str, rows: &[LoopResult]) -> String {
          Written by `cargo xtask bench loop --seeds {asked} --docs`.\n\n\
          Each seed draws an actuator with a hidden effect (`virtual-rig serve --hide SEED`). The\n\
          firmware runs in the simulator with the nominal model. The protocol `{PROTOCOL}` is recorded\n\
-         through the serial port, `rig diagnose` looks for what is missing, the repaired model is\n\
+         through the serial port, `softrig diagnose` looks for what is missing, the repaired model is\n\
          uploaded, and the protocol is recorded again. The gap is the angle that the board predicts\n\
          less the angle that it measures, RMS over all runs. The files of each case are in\n\
          `target/loop/SEED`.\n\n{}\n\n\

@@ -1,7 +1,7 @@
-//! Do the experiments that `rig` proposes decide?
+//! Do the experiments that `softrig` proposes decide?
 //!
 //! For every effect of the catalogue an actuator is drawn that hides it, one session is recorded
-//! on the virtual rig, and diagnosed. Where that cannot tell, `rig next` makes the experiments
+//! on the virtual rig, and diagnosed. Where that cannot tell, `softrig next` makes the experiments
 //! that it proposes, two at most, on the same actuator. Counted is what stands in the answer after
 //! one session and after the last.
 
@@ -254,7 +254,7 @@ fn page(asked: &str, rows: &[Decided]) -> String {
         "# Do the proposed experiments decide?\n\n\
          Written by `cargo xtask bench decide --seeds {asked} --docs`.\n\n\
          For each effect an actuator is drawn that hides it (`virtual-rig serve --hide SEED --effect KIND`).\n\
-         One session of `steps` is recorded and diagnosed. Where that cannot tell, `rig next` records what it\n\
+         One session of `steps` is recorded and diagnosed. Where that cannot tell, `softrig next` records what it\n\
          proposes on the same actuator, two runs at most, and diagnoses all of it. Nobody looked at these\n\
          seeds before. The files of each case are in `target/decide`.\n\n{}\n\n\
          | hidden | seed | after one session | experiments | after them | answer | stated probability |\n\

@@ -1,7 +1,7 @@
 //! The loop from a rig to a repaired model: what the demo and `bench loop` share.
 //!
 //! Nothing in it is staged: the simulator executes the image that a board would get, and
-//! every number comes over the serial port or from `rig`. [`mod@bench`] runs it for many
+//! every number comes over the serial port or from `softrig`. [`mod@bench`] runs it for many
 //! actuators, [`decide`] makes the experiments that a diagnosis proposes.
 
 pub mod bench;
@@ -33,8 +33,8 @@ const PORT_LIMIT: Duration = Duration::from_secs(120);
 /// The programs of the loop.
 #[derive(Args, Clone, Debug)]
 pub struct Programs {
-    /// The command `rig`
-    #[arg(long, value_name = "PATH", overrides_with = "rig")]
+    /// The command `softrig`
+    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     pub rig: PathBuf,
     /// The simulator
     #[arg(long, value_name = "PATH")]
@@ -45,7 +45,7 @@ pub struct Programs {
 }
 
 impl Programs {
-    /// `rig`, run in the workspace's root, so that the paths it prints are short.
+    /// `softrig`, run in the workspace's root, so that the paths it prints are short.
     pub fn rig(&self) -> Command {
         command(&self.rig)
     }
@@ -130,7 +130,7 @@ impl Folder {
     }
 }
 
-/// What `rig gap --json` writes of an upload.
+/// What `softrig gap --json` writes of an upload.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct Gap {
     /// All runs before the upload.

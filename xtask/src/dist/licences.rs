@@ -125,7 +125,7 @@ fn of(what: &str, package: &str, target: &str) -> Outcome<String> {
 /// Writes the licences into a folder.
 pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
     make(folder)?;
-    let page = of("The program rig", "host-tools", target)?;
+    let page = of("The program softrig", "softrig-cli", target)?;
     write_text(&folder.join("rig.txt"), &page)?;
     write_text(&folder.join("musl.txt"), MUSL)?;
     // Rust's own library and what is in it.

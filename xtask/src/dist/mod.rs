@@ -1,4 +1,4 @@
-//! A release: `rig` that needs nothing installed, with the board's image, as one archive.
+//! A release: `softrig` that needs nothing installed, with the board's image, as one archive.
 //!
 //! The program is linked statically against musl, so that one file runs on every Linux of its
 //! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
@@ -35,7 +35,11 @@ const TARGETS: [&str; 2] = [DEFAULT_TARGET, "aarch64-unknown-linux-musl"];
 const IMAGE: &str = "softrig-mega2560";
 
 /// Shells, and the file name under which each looks for completions.
-const COMPLETIONS: [(&str, &str); 3] = [("bash", "rig"), ("zsh", "_rig"), ("fish", "rig.fish")];
+const COMPLETIONS: [(&str, &str); 3] = [
+    ("bash", "softrig"),
+    ("zsh", "_softrig"),
+    ("fish", "softrig.fish"),
+];
 
 /// Files of the repository that go along.
 const TEXTS: [&str; 5] = [
@@ -272,8 +276,8 @@ fn build_command(target: &str) -> Command {
     let linker = format!("CARGO_TARGET_{}_LINKER", name.to_uppercase());
     let mut command = cargo();
     command
-        .args(["build", "--release", "--locked", "-p", "host-tools"])
-        .args(["--bin", "rig", "--target", target])
+        .args(["build", "--release", "--locked", "-p", "softrig-cli"])
+        .args(["--bin", "softrig", "--target", target])
         .env(linker, "rust-lld")
         .env(format!("CC_{name}"), c_compiler(target))
         // Where the sources are is nobody's business, and differs from build to build.
@@ -284,7 +288,7 @@ fn build_command(target: &str) -> Command {
     command
 }
 
-/// Builds `rig` for a target and checks that it is static.
+/// Builds `softrig` for a target and checks that it is static.
 fn build(target: &str) -> Outcome<PathBuf> {
     if !has_library(target)? {
         let added = run(Command::new("rustup").args(["target", "add", target]));
@@ -294,7 +298,7 @@ fn build(target: &str) -> Outcome<PathBuf> {
     }
     setup::musl_gcc(&c_compiler(target))?;
     run(&mut build_command(target))?;
-    let program = target_dir().join(target).join("release/rig");
+    let program = target_dir().join(target).join("release/softrig");
     let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
     match asks_for_loader(&bytes) {
         Some(false) => {}
@@ -351,7 +355,7 @@ fn board_image() -> Outcome<PathBuf> {
 /// Puts together what goes into an archive.
 fn stage(folder: &Path, program: &Path, target: &str, image: Option<&Path>) -> Outcome {
     make(folder)?;
-    copy(program, &folder.join("rig"))?;
+    copy(program, &folder.join("softrig"))?;
     for text in TEXTS {
         copy(&root().join(text), &folder.join(text))?;
     }
@@ -375,11 +379,11 @@ fn stage(folder: &Path, program: &Path, target: &str, image: Option<&Path>) -> O
             "--release",
             "--locked",
             "-p",
-            "host-tools",
+            "softrig-cli",
             "--bin",
-            "rig",
+            "softrig",
         ]))?;
-        target_dir().join("release/rig")
+        target_dir().join("release/softrig")
     };
     for (shell, file) in COMPLETIONS {
         let script = read(Command::new(&speaker).args(["completions", shell]))?;

@@ -50,21 +50,21 @@ impl Place {
         }
     }
 
-    /// `rig` in the unpacked folder, which is the working directory.
+    /// `softrig` in the unpacked folder, which is the working directory.
     fn rig(self, folder: &Path) -> Command {
         let mut command = match self {
             Self::Root => {
                 let mut command = Command::new("chroot");
-                command.arg(folder).arg("/rig");
+                command.arg(folder).arg("/softrig");
                 command
             }
             Self::UserRoot => {
                 let mut command = Command::new("unshare");
                 command.arg("--map-root-user").arg("--root").arg(folder);
-                command.arg("/rig");
+                command.arg("/softrig");
                 command
             }
-            Self::Bare => Command::new(folder.join("rig")),
+            Self::Bare => Command::new(folder.join("softrig")),
         };
         let path = std::env::var_os("PATH");
         command.env_clear().current_dir(folder);
@@ -111,7 +111,7 @@ pub fn of(archive: &Path, stem: &str, firmware: bool) -> Outcome {
     }
     let version = say(&["--version"])?;
     if !version.contains(env!("CARGO_PKG_VERSION")) {
-        return Err(format!("the archive's rig says that it is {}", version.trim()).into());
+        return Err(format!("the archive's softrig says that it is {}", version.trim()).into());
     }
     say(&["example", "-o", "demo", "--effect", "coulomb_friction"])?;
     let files: Vec<String> = RECORDINGS

@@ -1,6 +1,6 @@
 //! MCAP: the logs of ROS 2 and Foxglove, in which every sensor has a topic and a clock.
 //!
-//! [`topics`](super::topics) makes columns of them. Files of `rig convert` have all columns at the
+//! [`topics`](super::topics) makes columns of them. Files of `softrig convert` have all columns at the
 //! same times, and are read back unchanged.
 
 use std::collections::{BTreeMap, HashMap};
@@ -27,7 +27,7 @@ const LARGEST_RECORD: usize = 256 << 20;
 /// Bytes of all records, unpacked. They are not kept, but take their time.
 const LARGEST_FILE: u64 = 64 << 30;
 
-/// The record of metadata that `rig convert` writes, and its entries besides those of
+/// The record of metadata that `softrig convert` writes, and its entries besides those of
 /// [`Kept`].
 const OWN: &str = "softrig";
 const COLUMNS: &str = "columns";
@@ -83,7 +83,7 @@ fn read_log(
     Ok(log.own)
 }
 
-/// The contents of a file that `rig convert` wrote.
+/// The contents of a file that `softrig convert` wrote.
 #[derive(Debug)]
 struct Own {
     kept: Kept,
@@ -91,7 +91,7 @@ struct Own {
 }
 
 impl Own {
-    /// The columns of a file that `rig convert` wrote: all at the times of the first.
+    /// The columns of a file that `softrig convert` wrote: all at the times of the first.
     fn sheet(&self, topics: &mut Topics, layout: &Layout) -> Sheet {
         let angle = Quantity::Angle.column();
         let base = topics.wanted().position(|name| name == angle);
@@ -208,7 +208,7 @@ impl Log<'_> {
         Ok(())
     }
 
-    /// Takes over what a file of `rig convert` says of itself, before its messages.
+    /// Takes over what a file of `softrig convert` says of itself, before its messages.
     fn recognise(&mut self, entries: &BTreeMap<String, String>) {
         let columns: Option<Vec<String>> = entries
             .get(COLUMNS)

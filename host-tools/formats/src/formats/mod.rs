@@ -496,7 +496,7 @@ fn read_together(_: &[PathBuf], bag: &Path, _: &Layout) -> Result<Samples, Input
 fn left_out(format: &str) -> InputError {
     InputError::new(
         format!("is a {format} file, which this program was built without"),
-        "convert it to CSV with a rig that has all formats, as that of a release and of `cargo build --release -p host-tools`: rig convert",
+        "convert it to CSV with a softrig that has all formats, as that of a release and of `cargo build --release -p softrig-cli`: softrig convert",
     )
 }
 

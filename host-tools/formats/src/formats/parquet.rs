@@ -1,7 +1,7 @@
 //! Parquet: the tables of pandas, polars, DuckDB and R.
 //!
 //! Flat columns of numbers and texts are read, by name and type. The unit of a time column with a
-//! timestamp type is known. Files of `rig convert` contain the metadata of the recording.
+//! timestamp type is known. Files of `softrig convert` contain the metadata of the recording.
 
 use std::path::Path;
 use std::sync::Arc;

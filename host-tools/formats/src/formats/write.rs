@@ -1,6 +1,6 @@
 //! Writes a recording in another format, so that it can be read back unchanged.
 //!
-//! A binary number does not keep its number of decimals. So the formats of `rig convert` store
+//! A binary number does not keep its number of decimals. So the formats of `softrig convert` store
 //! it for each column, with the metadata of the recording: converted back to CSV, every digit
 //! is the same.
 
@@ -212,7 +212,7 @@ mod tests {
     use crate::error::InputError;
     use proptest::prelude::*;
 
-    /// A recording of `rig record`, with what is not known left empty.
+    /// A recording of `softrig record`, with what is not known left empty.
     const RECORDED: &str = "\
 time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq
 0.000,-0.05,59.81,60.00,,-12,,idle,0,007

@@ -2,7 +2,7 @@
 //! it is held to.
 //!
 //! Everything here is computed from what a board sent, so it is tested without a port. Who sends
-//! the commands and speaks with the person at the rig is `rig commission`.
+//! the commands and speaks with the person at the rig is `softrig commission`.
 
 mod clock;
 mod lines;
@@ -183,7 +183,7 @@ impl Step {
                 "Look whether the 12 V are on, the motor turns, and in the right direction (else swap the two wires of one coil); tighten the coupling and the switch."
             }
             Self::Stroke => {
-                "Look whether the plunger moves freely over its whole way, whether the switches sit firmly, and at the driver's current: lost steps differ from time to time. If only max.ul is too large, lower it: `rig upload --settings`."
+                "Look whether the plunger moves freely over its whole way, whether the switches sit firmly, and at the driver's current: lost steps differ from time to time. If only max.ul is too large, lower it: `softrig upload --settings`."
             }
             Self::EmergencyStop => {
                 "Do not go on: one contact of the button goes to pin 21, the other interrupts the 12 V of motor driver and vent."

@@ -41,7 +41,7 @@ pub fn check_limits(
                     "asks for {highest} {unit}, and the board allows {limit} {unit} ({})",
                     key_text(limit_key)
                 ),
-                "lower the level, or raise the limit with `rig upload --settings` if the rig stands it",
+                "lower the level, or raise the limit with `softrig upload --settings` if the rig stands it",
             ));
         }
         if lowest(segment).0 < 0 {

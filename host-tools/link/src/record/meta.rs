@@ -32,7 +32,7 @@ pub struct About {
     /// this run was cut from (s since its reset).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uptime_s: Option<f64>,
-    /// Seconds in one of the board's, measured by `rig commission`. The times of the recording
+    /// Seconds in one of the board's, measured by `softrig commission`. The times of the recording
     /// are corrected by it; without it they are the board's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clock_factor: Option<f64>,
@@ -50,7 +50,7 @@ pub struct About {
     /// The angles between the ends of the flex sensor's table (°).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub angle_range_deg: Option<[f64; 2]>,
-    /// Version of `rig`.
+    /// Version of `softrig`.
     pub rig: String,
     /// Whether the protocol was played to its end, or all that was asked for
     /// recorded.

@@ -39,7 +39,7 @@ pub struct NextRun {
     pub protocol: String,
     /// What is to be changed at the rig before, as a sentence begins; empty if nothing is.
     pub before: String,
-    /// The option of `rig record` that says so; empty if nothing is changed.
+    /// The option of `softrig record` that says so; empty if nothing is changed.
     pub setup: String,
     /// Its title.
     pub title: String,
@@ -126,7 +126,7 @@ pub(super) fn next(request: &Request<'_>, diagnosis: &Diagnosis) -> Vec<NextRun>
                 separates: [a.join(" + "), b.join(" + ")],
                 evidence: evidence(proposal.evidence),
                 command: format!(
-                    "rig plan --model {}{effects} --between {},{} {} -o next.toml",
+                    "softrig plan --model {}{effects} --between {},{} {} -o next.toml",
                     quoted(&request.file.path.to_string_lossy()),
                     a.join("+"),
                     b.join("+"),

@@ -543,12 +543,12 @@ impl Diagnosis {
     /// The text of that model file, with a comment above added effects.
     pub fn model_text(&self, nominal: &ModelFile) -> String {
         let what = match &self.finding {
-            Finding::Quiet { .. } | Finding::Named { .. } => "Added by rig diagnose.".into(),
+            Finding::Quiet { .. } | Finding::Named { .. } => "Added by softrig diagnose.".into(),
             Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
-                "Added by rig diagnose: lowers the error, not named.".into()
+                "Added by softrig diagnose: lowers the error, not named.".into()
             }
             undecided if undecided.families().is_empty() => {
-                "Added by rig diagnose: one of several that these recordings cannot tell apart."
+                "Added by softrig diagnose: one of several that these recordings cannot tell apart."
                     .into()
             }
             undecided => format!("representative of {}", family::title(undecided.families())),

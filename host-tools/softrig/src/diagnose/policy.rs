@@ -16,7 +16,7 @@ macro_rules! policy {
         }
 
         impl $name {
-            /// The constants that `rig diagnose` uses.
+            /// The constants that `softrig diagnose` uses.
             pub const STANDARD: Self = Self { $( $field: $value, )+ };
 
             /// The table.

@@ -268,7 +268,7 @@ pub fn read_zeros(path: &Path) -> Result<BoardZeros, InputError> {
     let verdict: Written = serde_json::from_str(&text).map_err(|error| {
         let mut fault = InputError::new(
             format!("is not a verdict: {error}"),
-            "give the file that `rig diagnose --json` wrote",
+            "give the file that `softrig diagnose --json` wrote",
         )
         .in_file(path);
         fault.line = Some(error.line() as u64);
@@ -283,7 +283,7 @@ pub fn read_zeros(path: &Path) -> Result<BoardZeros, InputError> {
     last.ok_or_else(|| {
         InputError::new(
             "has no zeros",
-            "diagnose again with this version of `rig`, or leave --zeros away",
+            "diagnose again with this version of `softrig`, or leave --zeros away",
         )
         .in_file(path)
     })

@@ -131,7 +131,7 @@ pub fn without_law(
     (hangs && !knows_loads).then_some((
         "tip_load_g",
         "the model does not say what a load does",
-        "fit it to recordings with a load first: rig fit adds [[effect]] kind = \"tip_load\"",
+        "fit it to recordings with a load first: softrig fit adds [[effect]] kind = \"tip_load\"",
     ))
 }
 

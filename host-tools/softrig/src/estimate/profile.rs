@@ -9,7 +9,7 @@
 //! Δχ²(v) = (S(v) − S(v̂)) / s²,   s² = SE² / (H⁻¹)ᵢᵢ
 //! ```
 //!
-//! H is the curvature JᵀJ at the best value, and SE the standard error of `rig fit`, which allows
+//! H is the curvature JᵀJ at the best value, and SE the standard error of `softrig fit`, which allows
 //! for residuals that are not independent; s² makes the parabola of the profile at its foot that
 //! of SE (the adjusted profile of Pace, Salvan and Sartori 2011). Where Δχ² stays below the square
 //! of Student's 95 % point, the value agrees with the recordings.

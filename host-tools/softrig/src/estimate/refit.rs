@@ -1,4 +1,4 @@
-//! Fits the free parameters of a model file to recordings: `rig fit`.
+//! Fits the free parameters of a model file to recordings: `softrig fit`.
 
 use super::assemble::assemble;
 use super::dataset::Dataset;

@@ -1,4 +1,4 @@
-//! A first model: `rig init`.
+//! A first model: `softrig init`.
 //!
 //! A new user has an actuator, perhaps the name of its silicone and its dimensions, and with
 //! luck one recording. [`from_recordings`] identifies the equation of motion without effects
@@ -6,7 +6,7 @@
 //! formula, and guesses the rest. Each number states its source ([`Origin`]), because a guess
 //! that looks like a measurement is worse than none.
 //!
-//! The result is the starting point of `rig diagnose`: M θ̈ + C θ̇ + K θⁿ = g p and nothing
+//! The result is the starting point of `softrig diagnose`: M θ̈ + C θ̇ + K θⁿ = g p and nothing
 //! else. It works for any second-order rig with one input, whatever the columns hold: a
 //! pendulum under a torque, a motor under a voltage.
 

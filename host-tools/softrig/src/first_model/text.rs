@@ -97,8 +97,8 @@ impl FirstModel {
         let version = env!("CARGO_PKG_VERSION");
         let mut text = format!(
             "#:schema {SCHEMA_FILE}\n\
-             # (rig schema model > {SCHEMA_FILE}: then editors complete and check this file.)\n\
-             # A first model, written by rig init {version}.\n\
+             # (softrig schema model > {SCHEMA_FILE}: then editors complete and check this file.)\n\
+             # A first model, written by softrig init {version}.\n\
              #     M θ'' + C θ' + K sign(θ)|θ|^n = g p\n\
              # It serves any rig of second order with one input. What the columns pressure_kpa and\n\
              # angle_deg hold is up to you: the numbers below are in their units.\n#\n"
@@ -110,7 +110,7 @@ impl FirstModel {
         if let Some(evidence) = &self.evidence {
             text += &format!("\n# {}\n", fitted_to(evidence, recordings));
             if evidence.explains_little() {
-                text += "# It explains little of the motion: see what rig init said.\n";
+                text += "# It explains little of the motion: see what softrig init said.\n";
             }
         }
         if let Some(unused) = self.unused_material() {
@@ -133,7 +133,7 @@ impl FirstModel {
             .map(|id| format!("\"{}\"", parameter_name(&self.model, *id)))
             .collect();
         text += &format!(
-            "\n[fit]\n# What rig fit and rig diagnose may move.{}\nfree = [{}]\n",
+            "\n[fit]\n# What softrig fit and softrig diagnose may move.{}\nfree = [{}]\n",
             if self.free.contains(&ParameterId::Exponent) {
                 " Take \"exponent\" out if you know it better."
             } else {
@@ -160,15 +160,15 @@ pub fn next_steps(recordings: &[impl AsRef<Path>], path: &Path) -> Vec<String> {
             "Nothing here was measured on your rig. With it on the board, record steps to two or"
                 .into(),
             "more levels, and identify the model from those:".into(),
-            format!("    rig upload --port PORT --model {model}"),
-            "    rig record --port PORT --protocol steps -o steps.csv".into(),
-            "    rig init --recording steps.csv -o identified.toml".into(),
+            format!("    softrig upload --port PORT --model {model}"),
+            "    softrig record --port PORT --protocol steps -o steps.csv".into(),
+            "    softrig init --recording steps.csv -o identified.toml".into(),
         ]
     } else {
         vec![
             "Next, with these recordings or better with more of them:".into(),
             format!(
-                "    rig diagnose --model {model} {} -o repaired.toml --report report.html",
+                "    softrig diagnose --model {model} {} -o repaired.toml --report report.html",
                 files.join(" ")
             ),
         ]

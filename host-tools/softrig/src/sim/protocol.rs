@@ -2,7 +2,7 @@
 //!
 //! The paper drives the actuator open loop: the model's inverse turns a
 //! set-point into the pressure that holds it, and the syringe pump takes a
-//! moment to build it up. `rig simulate --protocol` and `rig example` use the
+//! moment to build it up. `softrig simulate --protocol` and `softrig example` use the
 //! same protocols.
 //!
 //! The shapes here have their own angles and times. Protocols of the board, by name or

@@ -1,4 +1,4 @@
-//! The JSON of `rig materials`.
+//! The JSON of `softrig materials`.
 //!
 //! Scripts rely on these keys and their order, so they are written down here as types, apart
 //! from the text that people read. Numbers are in the units of their keys; ratios, exponents
@@ -28,7 +28,7 @@ pub(in crate::cli) fn schema() -> Schema {
     ];
     let mut schema = json_schema!({
         "title": "Materials",
-        "description": "What rig materials writes with --json: list, predict, and fit-curve of one curve and of several.",
+        "description": "What softrig materials writes with --json: list, predict, and fit-curve of one curve and of several.",
         "oneOf": each,
     });
     schema.insert(
@@ -39,7 +39,7 @@ pub(in crate::cli) fn schema() -> Schema {
     schema
 }
 
-/// `rig materials list`.
+/// `softrig materials list`.
 #[derive(JsonSchema, Serialize)]
 pub(super) struct List {
     /// Version of this layout.
@@ -192,7 +192,7 @@ fn as_map<S: Serializer>(pairs: &[(&str, f64)], serializer: S) -> Result<S::Ok, 
     serializer.collect_map(pairs.iter().copied())
 }
 
-/// `rig materials predict`.
+/// `softrig materials predict`.
 #[derive(JsonSchema, Serialize)]
 pub(super) struct Predicted<'a> {
     /// Version of this layout.
@@ -229,7 +229,7 @@ impl<'a> Predicted<'a> {
     }
 }
 
-/// `rig materials fit-curve` of one curve.
+/// `softrig materials fit-curve` of one curve.
 #[derive(JsonSchema, Serialize)]
 pub(super) struct Curve<'a> {
     /// Version of this layout.
@@ -256,7 +256,7 @@ pub(super) struct Curve<'a> {
     table_i: Option<Row>,
     /// Sentences about what is unusual.
     notes: Vec<String>,
-    /// Version of rig.
+    /// Version of softrig.
     tool_version: &'static str,
 }
 
@@ -292,7 +292,7 @@ impl<'a> Curve<'a> {
     }
 }
 
-/// `rig materials fit-curve` of several curves.
+/// `softrig materials fit-curve` of several curves.
 #[derive(JsonSchema, Serialize)]
 pub(super) struct Curves<'a> {
     /// Version of this layout.

@@ -1,4 +1,4 @@
-//! `rig materials`: the paper's table, exponents from tensile curves, exponents
+//! `softrig materials`: the paper's table, exponents from tensile curves, exponents
 //! from data sheets.
 
 pub(super) mod json;
@@ -25,10 +25,10 @@ use softrig_report::plot::write_svg;
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
-  rig materials list
-  rig materials fit-curve tensile.csv --plot curve.svg
-  rig materials fit-curve *.csv --plot curves.svg            several in one picture
-  rig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
+  softrig materials list
+  softrig materials fit-curve tensile.csv --plot curve.svg
+  softrig materials fit-curve *.csv --plot curves.svg            several in one picture
+  softrig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
 pub struct Args {
     #[command(subcommand)]
     command: Option<Command>,
@@ -47,8 +47,8 @@ enum Command {
 #[derive(Debug, Default, clap::Args)]
 #[command(after_help = "\
 Examples:
-  rig materials list --json table.json
-  rig materials list --plot predictor.svg")]
+  softrig materials list --json table.json
+  softrig materials list --plot predictor.svg")]
 struct ListArgs {
     /// Draw the exponents against the data-sheet figures, with the predictor
     #[arg(long, value_name = "FILE")]
@@ -70,9 +70,9 @@ struct ListArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  rig materials fit-curve tensile.csv --range 0,1 --plot curve.svg
-  rig materials fit-curve \"Dragon Skin 20.csv\" \"Ecoflex 00-30.csv\" --plot curves.svg
-  rig materials fit-curve \"Dragon Skin 20.csv\" --paper")]
+  softrig materials fit-curve tensile.csv --range 0,1 --plot curve.svg
+  softrig materials fit-curve \"Dragon Skin 20.csv\" \"Ecoflex 00-30.csv\" --plot curves.svg
+  softrig materials fit-curve \"Dragon Skin 20.csv\" --paper")]
 struct FitCurveArgs {
     /// Tensile curves: files of the Soft Robotics Materials Database, or CSVs
     /// with the columns `strain` and `stress_mpa`
@@ -109,7 +109,7 @@ struct FitCurveArgs {
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  rig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
+  softrig materials predict --modulus-mpa 0.338 --viscosity-cps 20000 --tensile-mpa 3.79")]
 struct PredictArgs {
     /// Modulus at 100 % strain, in MPa
     #[arg(long, value_name = "MPA", allow_hyphen_values = true)]
@@ -150,7 +150,7 @@ fn parse_range(text: &str) -> Result<(f64, f64), String> {
     }
 }
 
-/// Runs `rig materials`.
+/// Runs `softrig materials`.
 ///
 /// # Errors
 ///

@@ -5,7 +5,7 @@
 //! of magnitude, so they are one start among many: [`starts`] takes others from the
 //! recordings, over all time scales that these can show, and from their plateaus
 //! ([`statics`]). All are ranked on a subsample, a few fitted there, the best fitted to
-//! everything. `rig init`, `rig fit` and `rig diagnose` get the same model from it.
+//! everything. `softrig init`, `softrig fit` and `softrig diagnose` get the same model from it.
 //!
 //! A rig whose inertia does not show (most soft actuators: they creep, rather than swing)
 //! determines only the ratios of C, K and g. There the damping is held at a value beside
