@@ -11,5 +11,4 @@ pub mod batch;
 pub mod cli;
 pub mod command;
 mod commission;
-pub mod export;
 mod monitor;

@@ -1,22 +1,18 @@
 //! Helpers that the cross-crate tests share: where data that is not part of
-//! the project lies, and a diagnosis without a command line around it; and the
-//! benchmarks that `cargo xtask bench` starts.
+//! the project lies, a diagnosis without a command line around it, and the loop
+//! of the demo.
 
-pub mod blind;
-#[cfg(feature = "browser")]
-pub mod browser;
-pub mod invariance;
-pub mod pages;
 pub mod process;
-pub mod real;
 pub mod reports;
 pub mod rig_loop;
 pub mod verdict;
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
 use softrig::synth::example::Example;
+use softrig_formats::error::write_atomically;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{Recording, read_all};
 
@@ -119,4 +115,26 @@ pub fn named(diagnosis: &Diagnosis) -> Vec<&'static str> {
         .collect();
     names.sort_unstable();
     names
+}
+
+/// Reads a text.
+///
+/// # Errors
+///
+/// Names the file.
+pub fn text_of(path: &Path) -> Result<String, String> {
+    fs::read_to_string(path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+}
+
+/// Writes a text into a folder, which is made.
+///
+/// # Errors
+///
+/// Names the file.
+pub fn write(path: &Path, text: &str) -> Result<(), String> {
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder)
+            .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+    }
+    write_atomically(path, text.as_bytes()).map_err(|error| error.to_string())
 }

@@ -14,9 +14,11 @@ const LONGEST_REASON: usize = 160;
 /// The folder of the workspace: where cargo runs this from, or a program that cargo runs. A built
 /// clone may have been copied or renamed since.
 pub fn root() -> PathBuf {
-    std::env::var_os("CARGO_MANIFEST_DIR")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from)
-        .join("..")
+    let here = std::env::var_os("CARGO_MANIFEST_DIR")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
+    here.ancestors()
+        .find(|folder| folder.join("Cargo.lock").is_file())
+        .map_or_else(|| here.join(".."), Path::to_owned)
 }
 
 /// Runs a command for a limited time; what it prints and complains about goes into a file.

@@ -1,13 +1,17 @@
 //! What `softrig diagnose --json` says, as far as tables and summaries show it.
 //!
-//! Names stand in the order of the file, the first one first. To compare an answer with
-//! another, or with the truth, see [`Answer`](crate::invariance::answer::Answer).
+//! Names stand in the order of the file, the first one first.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::invariance::answer::Kinds;
+/// Rivals that are listed of an answer that is left open.
+const MOST_RIVALS: usize = 3;
+
+/// Effects that act together.
+pub type Kinds = BTreeSet<String>;
 
 /// A verdict. All but the first field may be absent: older and newer versions of `softrig` write
 /// other fields.
@@ -113,7 +117,7 @@ impl Verdict {
     ///
     /// What is wrong with it.
     pub fn read(path: &Path) -> Result<Self, String> {
-        let text = crate::invariance::pose::text_of(path)?;
+        let text = crate::text_of(path)?;
         Self::parse(&text).map_err(|error| format!("{} is no verdict: {error}", path.display()))
     }
 
@@ -192,6 +196,97 @@ impl Verdict {
     pub fn sets(&self) -> impl Iterator<Item = String> {
         self.alternatives.iter().map(|it| in_words(&it.kinds))
     }
+
+    /// How much of the gap is explained, 0 to 1.
+    pub fn closed(&self) -> Option<f64> {
+        self.closure.overall.or(self.adequacy.holdout_gap_closed)
+    }
+
+    /// The answer in a few words, for the heading of a picture: of a family, without its
+    /// members, which stand in the text beside it.
+    pub fn heading(&self) -> String {
+        match &self.family {
+            Some(family) if self.verdict == "cannot_tell" => format!("family {family}"),
+            _ => self.in_a_cell(),
+        }
+    }
+
+    /// The answer in one cell.
+    pub fn in_a_cell(&self) -> String {
+        let mut text = match self.verdict.as_str() {
+            "effect_found" => {
+                let named = in_words(self.named());
+                match (&self.strength, self.is_part()) {
+                    (None, _) => named,
+                    (Some(_), false) => format!("{named} (explains)"),
+                    (Some(_), true) => format!("{named} (part)"),
+                }
+            }
+            "cannot_tell" => {
+                let mut rivals: Vec<String> = self.sets().take(MOST_RIVALS).collect();
+                if self.alternatives.len() > MOST_RIVALS {
+                    rivals.push("…".into());
+                }
+                let rivals = rivals.join(" / ");
+                match &self.family {
+                    Some(family) => format!("family {family}: {rivals}"),
+                    None => format!("cannot tell: {rivals}"),
+                }
+            }
+            "parameters_only" => "parameters only".into(),
+            "no_discrepancy" => "nothing missing".into(),
+            other => other.replace('_', " "),
+        };
+        if let Some(Repair { kind, of }) = &self.repair {
+            text += &format!("; {kind}");
+            if !of.is_empty() {
+                text += &format!(" of {}", in_words(of));
+            }
+        }
+        text
+    }
+
+    /// Whether an effect or a family is named.
+    pub fn names_something(&self) -> bool {
+        !self.effects.is_empty() || self.family.is_some()
+    }
+
+    /// Whether the answer is that no effect is missing.
+    pub fn lacks_nothing(&self) -> bool {
+        ["parameters_only", "no_discrepancy"].contains(&self.verdict.as_str())
+    }
+
+    /// The repaired over the refitted error.
+    pub fn ratio(&self) -> Option<f64> {
+        let held_out = &self.holdout_rmse_deg;
+        Some(held_out.repaired? / held_out.refit?).filter(|ratio| ratio.is_finite())
+    }
+
+    /// Sentences on what is missing, for people.
+    pub fn report(&self) -> String {
+        let said = self.sentence();
+        let mut letters = said.chars();
+        let mut said: String = letters
+            .next()
+            .map(|first| first.to_uppercase().chain(letters).collect())
+            .unwrap_or_default();
+        if let Some(Repair { kind, of }) = &self.repair {
+            said += &format!(" The repair is a {kind} of {}.", in_words(of));
+        }
+        if let Some(remaining) = &self.remaining
+            && let Some(rmse) = remaining.rmse_deg
+        {
+            said += &format!(" Of the error, {} remain", significant(rmse));
+            if let Some(times) = remaining.times_noise {
+                said += &format!(", {} times the noise", significant(times));
+            }
+            if let Some(variable) = &remaining.goes_with {
+                said += &format!(", and go with the {}", variable.replace('_', " "));
+            }
+            said.push('.');
+        }
+        said
+    }
 }
 
 /// Kinds as one says them.
@@ -199,6 +294,31 @@ pub fn in_words(kinds: impl IntoIterator<Item = impl AsRef<str>>) -> String {
     let kinds = kinds.into_iter();
     let kinds: Vec<String> = kinds.map(|it| it.as_ref().replace('_', " ")).collect();
     kinds.join(" and ")
+}
+
+/// Three significant digits.
+pub fn significant(value: f64) -> String {
+    if !value.is_finite() {
+        return "–".into();
+    }
+    if value == 0.0 {
+        return "0".into();
+    }
+    // The exponent after rounding: 9.996 has three digits as 10.0.
+    let scientific = format!("{value:.2e}");
+    let (digits, exponent) = scientific
+        .split_once('e')
+        .and_then(|(digits, exponent)| Some((digits, exponent.parse::<i32>().ok()?)))
+        .unwrap_or(("0", 0));
+    match usize::try_from(2 - exponent) {
+        Ok(decimals) if decimals <= 8 => format!("{value:.decimals$}"),
+        Ok(_) => scientific,
+        // 12345 is shown as 12300.
+        Err(_) => {
+            let rounded = digits.parse::<f64>().unwrap_or(0.0) * 10_f64.powi(exponent);
+            format!("{rounded:.0}")
+        }
+    }
 }
 
 #[cfg(test)]

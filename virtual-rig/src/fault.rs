@@ -5,7 +5,6 @@ use std::{fmt, str::FromStr};
 
 /// A fault that the virtual rig can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[non_exhaustive]
 pub enum Fault {
     /// The flex sensor's wire is broken: its input reads 0 V.
     OpenFlex,

@@ -19,7 +19,6 @@ mod noise;
 pub mod plant;
 pub mod rig;
 mod simavr;
-pub mod soak;
 pub mod stk500;
 pub mod wiring;
 

@@ -1,5 +1,5 @@
 //! Benchmarks: our solver and SciPy's, our firmware and plain C. What reads results of `softrig`
-//! is a program of the tests crate, and is built and started here.
+//! is a program in bench/, and is built and started here.
 
 use std::{
     fs,
@@ -9,6 +9,7 @@ use std::{
 
 use crate::{
     avr,
+    machines::{self, Soak},
     shell::{Outcome, cargo, has_program, release_build, root, run, target_dir, text},
     simulator::virtual_rig,
     size, venv,
@@ -26,20 +27,20 @@ pub fn host() -> Outcome {
 
     println!("bench: our solver");
     run(cargo()
-        .args(["build", "-q", "--release", "-p", "softrig"])
-        .args(["--example", "bench_simulate"]))?;
+        .args(["build", "-q", "--release", "-p", "softrig-bench"])
+        .args(["--bin", "simulate"]))?;
     let problems = folder.join("problems.json");
     let file = fs::File::create(&problems)
         .map_err(|error| format!("cannot write {}: {error}", problems.display()))?;
-    run(pinned(&target_dir().join("release/examples/bench_simulate")).stdout(file))?;
+    run(pinned(&target_dir().join("release/simulate")).stdout(file))?;
 
     println!("bench: SciPy and Numba\n");
     run(pinned(&python)
-        .arg(root().join("xtask/bench/scipy_simulate.py"))
+        .arg(root().join("bench/peers/scipy_simulate.py"))
         .arg(&problems))
 }
 
-/// A benchmark that is a program of the tests crate.
+/// A benchmark that is a program in bench/.
 pub struct Program {
     /// Its binary.
     name: &'static str,
@@ -130,7 +131,27 @@ pub fn gate() -> Outcome {
     run(BLIND.command(&target_dir().join("debug")).arg("--fast"))
 }
 
-/// The benchmark of this name that is a program of the tests crate.
+/// Runs the benchmarks that have a limit: the same answers to the same questions, asked otherwise,
+/// and an hour of misfortunes on the simulated rig.
+pub fn gates() -> Outcome {
+    const LIMITS: &[&str] = &[
+        "--sets",
+        "bench",
+        "--limit",
+        "6",
+        "--ways",
+        "seed,order,units",
+        "--at-least",
+        "same=0.9,contradicting=0.02",
+    ];
+    program("invariance").map_or(Ok(()), |program| program.start("invariance", LIMITS))?;
+    machines::soak(&Soak {
+        hours: 1.0,
+        seed: 1,
+    })
+}
+
+/// The benchmark of this name that is a program in bench/.
 pub fn program(name: &str) -> Option<&'static Program> {
     let (_, program) = PROGRAMS.iter().find(|(known, _)| *known == name)?;
     Some(program)
@@ -142,9 +163,9 @@ impl Program {
     pub fn start(&self, name: &str, options: &[&str]) -> Outcome {
         let target = target_dir().join("release");
         let mut build = release_build();
-        build.args(["-q", "-p", "softrig-tests", "--bin", self.name]);
+        build.args(["-q", "-p", "softrig-bench", "--bin", self.name]);
         if self.asks && !options.iter().any(|option| option.starts_with("--softrig")) {
-            build.args(["-p", "softrig-cli"]);
+            build.args(["-p", "softrig-cli", "--features", "softrig-cli/lab"]);
         }
         let plays = ["decide", "loop"].contains(&name);
         if plays {
@@ -182,7 +203,7 @@ impl Program {
 
 /// A Python that fits black boxes, after they have found known systems again.
 fn black_boxes() -> Outcome<PathBuf> {
-    let scripts = root().join("tests/black_box");
+    let scripts = root().join("bench/black_box");
     let requirements = scripts.join("requirements.txt");
     // An environment of older versions is not the pinned one.
     let imports = format!(
@@ -210,8 +231,8 @@ pub fn control(docs: bool) -> Outcome {
     let image = avr::build()?;
     let mut command = cargo();
     command
-        .args(["run", "-q", "--locked", "-p", "virtual-rig"])
-        .args(["--example", "closed_loop_steps", "--"])
+        .args(["run", "-q", "--locked", "-p", "softrig-bench-board"])
+        .args(["--bin", "closed_loop_steps", "--"])
         .env("SOFTRIG_FIRMWARE", image);
     if docs {
         command
@@ -361,7 +382,7 @@ fn sketch() -> Outcome<PathBuf> {
     run(Command::new("avr-gcc")
         .args(["-O2", "-mmcu=atmega2560", "-o"])
         .arg(&out)
-        .arg(root().join("xtask/bench/rk4_sketch.c"))
+        .arg(root().join("bench/peers/rk4_sketch.c"))
         .arg("-lm"))?;
     Ok(out)
 }

@@ -52,9 +52,7 @@ pub fn demo(options: &[&str]) -> Outcome {
             run(release_build()
                 .args(["-p", "softrig-cli"])
                 .args(["-p", "virtual-rig", "--bin", "virtual-rig"])
-                .args(["-p", "softrig-tests", "--bin", "demo"])
-                // Without bags and the live stream, which nobody waits for here.
-                .arg("--no-default-features"))?;
+                .args(["-p", "softrig-tests", "--bin", "demo"]))?;
             let image = avr::build()?;
             avr::gates(&image)?;
             avr::print_size(&image)?;

@@ -46,10 +46,7 @@ pub fn flash(options: Options<'_>) -> Outcome {
     let image = avr::build()?;
     avr::gates(&image)?;
     avr::print_size(&image)?;
-    run(cargo()
-        .args(["build", "-q", "--release", "--locked", "-p", "softrig-cli"])
-        // Without bags and the live stream, of which no board knows.
-        .args(["--bin", "softrig", "--no-default-features"]))?;
+    run(cargo().args(["build", "-q", "--release", "--locked", "-p", "softrig-cli"]))?;
     let rig = target_dir().join("release/softrig");
     let mut write = Command::new(&rig);
     write.args(["flash", "--port", options.port]);

@@ -127,7 +127,7 @@ pub fn fuzz(options: Fuzz) -> Outcome {
         .env("RUSTFLAGS", COVERAGE))?;
     let program = folder.join(host).join("debug/fuzz");
 
-    let seeds = root().join("fuzz/corpus");
+    let seeds = root().join("lab/fuzz/corpus");
     let mut targets: Vec<String> = fs::read_dir(&seeds)
         .map_err(|error| format!("cannot list {}: {error}", seeds.display()))?
         .filter_map(|entry| Some(entry.ok()?.file_name().to_string_lossy().into_owned()))

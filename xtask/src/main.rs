@@ -9,7 +9,9 @@ mod avr;
 mod bench;
 mod book;
 mod cast;
+mod changes;
 mod demo;
+mod deny;
 mod dist;
 mod flash;
 mod image;
@@ -33,7 +35,6 @@ use machines::{Fuzz, Soak};
 use python::Ray;
 use shell::Outcome;
 use size::Golden;
-use test::Scope;
 
 const HELP: &str = "\
 Tasks of the softrig workspace
@@ -48,7 +49,10 @@ Tasks:
   demo [--seed N] [--effect KIND] [--cast FILE.svg]
                          simulate, diagnose, repair; says where the picture is;
                          --cast draws the terminal as a picture that moves
-  test [--host-only]     everything that must hold before a change goes in
+  test [SET…] [--all] [--only STEP,…]
+                         everything that must hold before a change goes in; of
+                         sets alone: lint, core, board, lab, bench. --all adds
+                         what takes long, and repeats what did not change
   ci                     the same, as continuous integration runs it
   book                   build the book from docs/; says where it is
   web                    build the page for a browser, web/dist/softrig.html
@@ -108,7 +112,7 @@ Tasks:
 
 Examples:
   cargo xtask setup --dry-run
-  cargo xtask test --host-only
+  cargo xtask test lint core
   cargo xtask bench board
   cargo xtask bench loop --seeds 201..212
   cargo xtask bench invariance --sets rigs,real --ways seed,init
@@ -161,8 +165,10 @@ fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
             demo::check(words)?;
             Box::new(|| demo::demo(words))
         }
-        ["test" | "ci"] => Box::new(|| test::test(Scope::Everything)),
-        ["test", "--host-only"] => Box::new(|| test::test(Scope::Host)),
+        ["test" | "ci", words @ ..] => {
+            let choice = test::Choice::parse(words)?;
+            Box::new(move || test::test(&choice))
+        }
         ["book"] => Box::new(|| book::book().map(|page| println!("  {}", page.display()))),
         ["web"] => Box::new(|| web::web().map(drop)),
         ["wheel"] => Box::new(|| python::wheel().map(drop)),
@@ -204,10 +210,7 @@ fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
             Box::new(move || dist::dist(&options))
         }
         [task, ..]
-            if [
-                "test", "ci", "book", "web", "wheel", "firmware", "size", "bench", "miri",
-            ]
-            .contains(task) =>
+            if ["book", "web", "wheel", "firmware", "size", "bench", "miri"].contains(task) =>
         {
             return Err(format!("{task} does not take these options"));
         }

@@ -1,7 +1,7 @@
 //! The Python package: built as a wheel, and tested as its users get it.
 //!
 //! Python's dependencies are installed below the target folder, in the versions pinned in
-//! `python/requirements`.
+//! `lab/python/requirements`.
 
 use std::{
     ffi::OsString,
@@ -87,7 +87,7 @@ pub fn test(ray: Ray) -> Outcome {
     let tool = |module: &str| {
         let mut command = Command::new(&python);
         command
-            .current_dir(root().join("python"))
+            .current_dir(root().join("lab/python"))
             .env("SOFTRIG_COMMAND", target_dir().join("debug/softrig"))
             // Nothing is left among the sources.
             .env("PYTHONDONTWRITEBYTECODE", "1")
@@ -115,7 +115,7 @@ fn build(profile: Profile, out: &Path) -> Outcome<PathBuf> {
         .env("CARGO_TARGET_DIR", target_dir())
         .env(INCREMENTAL, "0")
         .args(["-m", "maturin", "build", "--locked"])
-        .args(["--manifest-path", "python/Cargo.toml", "--interpreter"])
+        .args(["--manifest-path", "lab/python/Cargo.toml", "--interpreter"])
         .arg(&python)
         .arg("--out")
         .arg(out);
@@ -177,5 +177,5 @@ fn install(python: &Path, wheel: &Path, options: &[&str]) -> Outcome {
 
 /// A file of pinned versions.
 fn requirements(name: &str) -> PathBuf {
-    root().join("python/requirements").join(name)
+    root().join("lab/python/requirements").join(name)
 }

@@ -197,12 +197,40 @@ pub fn seconds(duration: Duration) -> String {
     format!("{:.1} s", duration.as_secs_f64())
 }
 
+/// Seconds of a processor that this program and all it waited for have taken; none where the
+/// system is not Linux.
+fn children_s() -> Option<f64> {
+    /// Fields of `/proc/self/stat` behind the name: user and system time of this program and of
+    /// its children.
+    const TIMES: std::ops::Range<usize> = 11..15;
+    /// In which Linux counts there.
+    const TICKS_PER_S: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let (_, fields) = stat.rsplit_once(')')?;
+    let ticks: Option<Vec<f64>> = fields
+        .split_whitespace()
+        .skip(TIMES.start)
+        .take(TIMES.len())
+        .map(|field| field.parse().ok())
+        .collect();
+    Some(ticks?.iter().sum::<f64>() / TICKS_PER_S)
+}
+
 /// Numbered steps, each with its time.
 pub struct Steps {
     started: Instant,
     number: usize,
     total: usize,
-    skipped: Vec<String>,
+    skipped: Vec<&'static str>,
+    took: Vec<Took>,
+}
+
+/// What a step took (s).
+struct Took {
+    name: &'static str,
+    wall_s: f64,
+    /// Of all processors; none where the system does not say.
+    processor_s: Option<f64>,
 }
 
 impl Steps {
@@ -213,15 +241,16 @@ impl Steps {
             number: 0,
             total,
             skipped: Vec::new(),
+            took: Vec::new(),
         }
     }
 
     /// Runs the next step; a failure names it.
-    pub fn step(&mut self, name: &str, work: impl FnOnce() -> Outcome) -> Outcome {
+    pub fn step(&mut self, name: &'static str, work: impl FnOnce() -> Outcome) -> Outcome {
         self.number += 1;
         let label = format!("[{}/{}] {name}", self.number, self.total);
         println!("\n{label}");
-        let started = Instant::now();
+        let (started, before_s) = (Instant::now(), children_s());
         work().map_err(|failure| {
             format!(
                 "{label}: {failure}\n  (after {})",
@@ -229,14 +258,44 @@ impl Steps {
             )
         })?;
         println!("{label}: ok, {}", seconds(started.elapsed()));
+        self.took.push(Took {
+            name,
+            wall_s: started.elapsed().as_secs_f64(),
+            processor_s: children_s()
+                .zip(before_s)
+                .map(|(after, before)| after - before),
+        });
         Ok(())
     }
 
     /// Passes over the next step and says why.
-    pub fn skip(&mut self, name: &str, why: &str) {
+    pub fn skip(&mut self, name: &'static str, why: &str) {
         self.number += 1;
         println!("\n[{}/{}] {name}: skipped, {why}", self.number, self.total);
-        self.skipped.push(name.into());
+        self.skipped.push(name);
+    }
+
+    /// What each step took of the processors (s), where the system says it.
+    pub fn took(&self) -> Vec<(&'static str, f64)> {
+        self.took
+            .iter()
+            .filter_map(|step| Some((step.name, step.processor_s?)))
+            .collect()
+    }
+
+    /// Shows what each step took.
+    pub fn table(&self) {
+        println!("\n{:<24} {:>8} {:>14}", "step", "minutes", "processor, min");
+        for step in &self.took {
+            let processor = step
+                .processor_s
+                .map_or_else(|| "–".into(), |s| format!("{:.1}", s / 60.0));
+            println!(
+                "{:<24} {:>8.1} {processor:>14}",
+                step.name,
+                step.wall_s / 60.0
+            );
+        }
     }
 
     /// Says in one line how it went.

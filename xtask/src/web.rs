@@ -60,6 +60,11 @@ pub fn is_ready() -> bool {
     has_library() || linker().is_some()
 }
 
+/// Where the page is, once it was built.
+pub fn page() -> PathBuf {
+    root().join("web/dist/softrig.html")
+}
+
 /// Builds the page, and returns where it is.
 pub fn web() -> Outcome<PathBuf> {
     let module = module()?;
@@ -72,7 +77,7 @@ pub fn web() -> Outcome<PathBuf> {
         )
         .into());
     }
-    let path = root().join("web/dist/softrig.html");
+    let path = self::page();
     let cannot = |error| format!("cannot write {}: {error}", path.display());
     fs::create_dir_all(path.parent().unwrap_or(&path)).map_err(cannot)?;
     fs::write(&path, &page).map_err(cannot)?;
@@ -161,16 +166,16 @@ fn assembled(module: &Path) -> Outcome<String> {
         fs::read_to_string(&path)
             .map_err(|error| format!("cannot read {}: {error}", path.display()))
     };
-    let mut page = text("web/page/page.html")?;
+    let mut page = text("lab/web/page/page.html")?;
     let packed = packed(module)?;
     for (name, part) in [
         (
             "report.css",
             text("host-tools/report/src/assets/style.css")?,
         ),
-        ("page.css", text("web/page/page.css")?),
-        ("worker.js", text("web/page/worker.js")?),
-        ("page.js", text("web/page/page.js")?),
+        ("page.css", text("lab/web/page/page.css")?),
+        ("worker.js", text("lab/web/page/worker.js")?),
+        ("page.js", text("lab/web/page/page.js")?),
         ("wasm", packed),
     ] {
         if part.contains("</script") || part.contains("</style") {
@@ -178,7 +183,7 @@ fn assembled(module: &Path) -> Outcome<String> {
         }
         let place = format!("{{{{{name}}}}}");
         if !page.contains(&place) {
-            return Err(format!("web/page/page.html has no place {place}").into());
+            return Err(format!("lab/web/page/page.html has no place {place}").into());
         }
         page = page.replacen(&place, part.trim_end(), 1);
     }

@@ -8,11 +8,6 @@
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
-// What only the formats need that are left out.
-#![cfg_attr(
-    not(all(feature = "mcap", feature = "parquet")),
-    allow(dead_code, unused_variables)
-)]
 // Whatever is said goes through `terminal`, which makes harmless what others wrote.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 

@@ -26,6 +26,10 @@ use crate::toml_reader::Reader;
 /// The schema number that this version reads and writes.
 pub(crate) const SCHEMA: i64 = 1;
 
+/// The first words in the header of every file that `softrig export` writes: a model in another
+/// language, which it may write again.
+pub const WRITTEN_BY_EXPORT: &str = "Written by `softrig export`";
+
 /// The free parameters of a refit if the file names none.
 const FREE_BY_DEFAULT: [ParameterId; 3] = [
     ParameterId::Damping,

@@ -22,7 +22,7 @@ use crate::setup::Setup;
 pub const PASCAL_PER_KPA: f64 = 1000.0;
 
 /// A sampling interval this many times the median one is a gap.
-pub(crate) const GAP_FACTOR: f64 = 3.0;
+pub const GAP_FACTOR: f64 = 3.0;
 
 /// Columns that every recording has.
 const REQUIRED: [&str; 3] = ["time_s", "pressure_kpa", "angle_deg"];

@@ -19,7 +19,7 @@ use super::address::host_and_port;
 use super::output::{self, FileKind, Output};
 use super::row::Row;
 use softrig_formats::error::{InputError, not_written};
-use softrig_formats::formats::mcap;
+use softrig_importers::mcap;
 use softrig_link::record::COLUMNS;
 
 /// The port that Foxglove and Lichtblick expect.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::row::Row;
 use softrig_formats::error::InputError;
+use softrig_formats::formats::binary::WITH_LAB;
 
 /// Nobody.
 pub(super) enum Live {}
@@ -24,8 +25,8 @@ impl Live {
             (None, Some(_)) => "--mcap",
         };
         Err(InputError::new(
-            format!("{flag}: this rig was built without it"),
-            "take one that has it, of a release or of `cargo build --release -p softrig-cli`",
+            format!("{flag}: this softrig was built without it"),
+            format!("take one that has it, {WITH_LAB}"),
         ))
     }
 

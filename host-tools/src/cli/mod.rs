@@ -8,6 +8,7 @@ pub mod compare;
 pub mod convert;
 pub mod diagnose;
 pub mod example;
+#[cfg_attr(not(feature = "lab"), path = "export_left_out.rs")]
 pub mod export;
 pub mod fit;
 pub mod flash;
@@ -16,7 +17,7 @@ pub mod init;
 pub(crate) mod input;
 pub(crate) mod json;
 pub mod linearise;
-#[cfg_attr(not(feature = "foxglove"), path = "live_left_out.rs")]
+#[cfg_attr(not(feature = "lab"), path = "live_left_out.rs")]
 mod live;
 pub mod log;
 pub mod materials;

@@ -11,9 +11,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::linearise::WRITTEN_BY as WRITTEN_BY_LINEARISE;
-use crate::export::WRITTEN_BY as WRITTEN_BY_EXPORT;
 use softrig_formats::error::{InputError, check_writable, is_stream, target_of};
 use softrig_formats::formats::is_binary_recording;
+use softrig_formats::model_file::WRITTEN_BY_EXPORT;
 use softrig_link::record::meta_path;
 
 /// The kind of a file.

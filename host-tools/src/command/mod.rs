@@ -85,6 +85,8 @@ enum Command {
 /// Runs the command of these arguments, of which the first is the name of the program, and returns
 /// the exit code: 0 where all went well, 2 for faults of the input, 1 for all others.
 pub fn main(arguments: &[OsString]) -> u8 {
+    #[cfg(feature = "lab")]
+    softrig_importers::install();
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
         Err(error) => {

@@ -93,7 +93,7 @@ fn every_help_has_an_example() {
         let (_, examples) = help
             .split_once("Examples:\n")
             .unwrap_or_else(|| panic!("`softrig {command} --help` has no example"));
-        let shown = format!("  rig {command}");
+        let shown = format!("  softrig {command}");
         assert!(
             examples.contains(shown.trim_end()),
             "no {shown:?} in {examples}"

@@ -10,9 +10,6 @@ mod columns;
 #[path = "../common/mod.rs"]
 mod common;
 mod diagnose;
-mod documents;
-mod export;
-mod formats;
 mod hostile;
 mod init;
 mod machines;

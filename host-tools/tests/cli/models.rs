@@ -253,6 +253,7 @@ fn the_model_of_a_folder_is_named_once() {
     for command in [
         "compare good.csv",
         "diagnose good.csv",
+        #[cfg(feature = "lab")]
         "export --to c",
         "fit good.csv",
         "linearise --at 30deg",

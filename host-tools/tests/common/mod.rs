@@ -49,6 +49,24 @@ pub fn compressed(content: impl AsRef<[u8]>) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
+/// The program: cargo says where it is to the tests of its own package, and it is beside those of
+/// the others.
+pub fn program() -> PathBuf {
+    option_env!("CARGO_BIN_EXE_softrig").map_or_else(
+        || {
+            let test = std::env::current_exe().unwrap();
+            let built = test.ancestors().nth(2).unwrap().join("softrig");
+            assert!(
+                built.is_file(),
+                "{} is not built: cargo build -p softrig-cli --features lab",
+                built.display()
+            );
+            built
+        },
+        PathBuf::from,
+    )
+}
+
 /// A folder to run commands in.
 pub struct Bench(TempDir);
 
@@ -99,7 +117,7 @@ impl Bench {
 
     /// `softrig` with a command line without quotes.
     pub fn line(&self, line: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_softrig"));
+        let mut command = Command::new(program());
         command
             .current_dir(self.folder())
             // A panic would print its backtrace.

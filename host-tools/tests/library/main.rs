@@ -1,7 +1,6 @@
 //! The library from outside: searches that end early, exported models, and what the manual says.
 
 mod budget;
-mod exported;
 mod held_out_repeats;
 mod not_for_the_board;
 mod sentences;

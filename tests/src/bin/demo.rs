@@ -8,12 +8,11 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use softrig_tests::invariance::answer::Kinds;
 use softrig_tests::process::succeed;
 use softrig_tests::rig_loop::{
     Board, Drawn, Folder, Programs, diagnose, gap, record, upload_model, upload_repaired,
 };
-use softrig_tests::verdict::{Verdict, in_words};
+use softrig_tests::verdict::{Kinds, Verdict, in_words};
 
 /// Records, diagnoses, uploads and records again, on a drawn actuator.
 #[derive(Debug, Parser)]

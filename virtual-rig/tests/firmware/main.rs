@@ -12,7 +12,6 @@ mod prediction;
 mod pump;
 mod runs;
 mod settings;
-mod soak;
 mod start;
 mod steps;
 mod stroke;

@@ -126,7 +126,7 @@ fn of(what: &str, package: &str, target: &str) -> Outcome<String> {
 pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
     make(folder)?;
     let page = of("The program softrig", "softrig-cli", target)?;
-    write_text(&folder.join("rig.txt"), &page)?;
+    write_text(&folder.join("softrig.txt"), &page)?;
     write_text(&folder.join("musl.txt"), MUSL)?;
     // Rust's own library and what is in it.
     let library = sysroot()?.join("share/doc/rust/COPYRIGHT-library.html");

@@ -143,7 +143,7 @@ pub fn dist(options: &Options) -> Outcome {
     }
     for target in &options.targets {
         let mut program = PathBuf::new();
-        steps.step(&format!("build rig for {target}"), || {
+        steps.step("build softrig", || {
             program = build(target)?;
             Ok(())
         })?;
@@ -277,7 +277,7 @@ fn build_command(target: &str) -> Command {
     let mut command = cargo();
     command
         .args(["build", "--release", "--locked", "-p", "softrig-cli"])
-        .args(["--bin", "softrig", "--target", target])
+        .args(["--features", "lab", "--target", target])
         .env(linker, "rust-lld")
         .env(format!("CC_{name}"), c_compiler(target))
         // Where the sources are is nobody's business, and differs from build to build.
@@ -380,8 +380,8 @@ fn stage(folder: &Path, program: &Path, target: &str, image: Option<&Path>) -> O
             "--locked",
             "-p",
             "softrig-cli",
-            "--bin",
-            "softrig",
+            "--features",
+            "lab",
         ]))?;
         target_dir().join("release/softrig")
     };

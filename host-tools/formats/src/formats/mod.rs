@@ -6,36 +6,21 @@
 //! format.
 
 mod arrays;
-mod guard;
-#[cfg(feature = "hdf5")]
-mod hdf5;
+pub mod binary;
 mod json_lines;
-pub(crate) mod mat;
-#[cfg(feature = "mcap")]
-pub mod mcap;
-pub(crate) mod names;
-#[cfg(feature = "numpy")]
-mod numpy;
-#[cfg(feature = "parquet")]
-pub(crate) mod parquet;
-#[cfg(any(feature = "mcap", feature = "rosbag"))]
-mod ros;
-#[cfg(feature = "rosbag")]
-mod rosbag;
-mod tdms;
+pub mod names;
 pub(crate) mod text;
-#[cfg(any(feature = "mcap", feature = "rosbag"))]
-mod topics;
 pub mod write;
 
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::bounded::{self, Limits};
 use crate::columns::{Columns, Layout, Quantity, TimeUnit};
 use crate::error::InputError;
 use crate::recording::Column;
+use binary::{Binary, Source};
 
 /// An angle beyond this is taken for a slip of units (°).
 const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
@@ -44,22 +29,12 @@ const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
 const SUSPICIOUS_PRESSURE_KPA: f64 = 600.0;
 /// No sensor shows more, in whatever unit, and its square and a thousand times as much are
 /// numbers too.
-pub(crate) const LARGEST_NUMBER: f64 = 1e30;
+pub const LARGEST_NUMBER: f64 = 1e30;
 
 /// Bytes that tell the formats apart.
 const START: usize = 16;
 const GZIP: &[u8] = &[0x1f, 0x8b];
-const PARQUET: &[u8] = b"PAR1";
-const MCAP: &[u8] = b"\x89MCAP0\r\n";
 const MATLAB: &[u8] = b"MATLAB";
-const MATLAB_5: &[u8] = b"MATLAB 5.0";
-/// Not read, only told apart.
-const MATLAB_7: &[u8] = b"MATLAB 7.3";
-const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
-const NUMPY: &[u8] = b"\x93NUMPY";
-const TDMS: &[u8] = b"TDSm";
-const SQLITE: &[u8] = b"SQLite format 3";
-const PACKED: &[u8] = b"PK\x03\x04";
 
 /// Formats that are not read, by their first bytes, and how they are converted; `FILE` is the
 /// file.
@@ -251,25 +226,16 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let fail = |error: std::io::Error| InputError::from_io(path, &error);
     bounded::refuse_pipe(path)?;
     if path.is_dir() {
-        return match bag_in(path)?.as_slice() {
-            [only] => read(only, layout),
-            several => read_together(several, path, layout),
-        };
+        return binary::read_folder(path, layout);
     }
     let mut file = File::open(path).map_err(fail)?;
     let start = start_of(&mut file).map_err(fail)?;
     let limits = Limits::RECORDING;
-    if is_parquet(&start) {
-        // Its table of contents is at the end: the file is read here and there.
-        #[cfg(feature = "parquet")]
-        return parquet::read(file, path, layout, limits);
-        #[cfg(not(feature = "parquet"))]
-        return Err(left_out("Parquet").in_file(path));
-    }
-    #[cfg(feature = "rosbag")]
-    if start.starts_with(SQLITE) && path.is_file() {
-        // So is a bag, which may be larger than any memory.
-        return rosbag::read_file(path, layout, limits);
+    if let Some(format) = Binary::of(&start)
+        && path.is_file()
+    {
+        let source = Source::File(binary::rewound(file, path)?);
+        return binary::read(format, source, path, layout, limits);
     }
     let whole = Cursor::new(start.clone()).chain(file);
     read_unpacked(&start, whole, path, layout, limits)
@@ -281,14 +247,7 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
 ///
 /// Like [`read`].
 pub fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples, InputError> {
-    let limits = Limits::RECORDING;
-    if is_parquet(bytes) {
-        #[cfg(feature = "parquet")]
-        return parquet::read(bytes::Bytes::copy_from_slice(bytes), path, layout, limits);
-        #[cfg(not(feature = "parquet"))]
-        return Err(left_out("Parquet").in_file(path));
-    }
-    read_unpacked(bytes, bytes, path, layout, limits)
+    read_unpacked(bytes, bytes, path, layout, Limits::RECORDING)
 }
 
 /// Reads what may be packed with gzip.
@@ -311,41 +270,14 @@ fn read_unpacked(
 
 fn read_from(
     start: &[u8],
-    whole: impl Read,
+    mut whole: impl Read,
     path: &Path,
     layout: &Layout,
     limits: Limits,
 ) -> Result<Samples, InputError> {
     refuse_foreign(start, path)?;
-    if start.starts_with(MCAP) {
-        #[cfg(feature = "mcap")]
-        return mcap::read(whole, path, layout, limits);
-        #[cfg(not(feature = "mcap"))]
-        return Err(left_out("MCAP").in_file(path));
-    } else if start.starts_with(MATLAB_5) {
-        mat::read(whole, path, layout, limits)
-    } else if start.starts_with(MATLAB_7) || start.starts_with(HDF5) {
-        #[cfg(feature = "hdf5")]
-        return hdf5::read(whole, path, layout, limits);
-        #[cfg(not(feature = "hdf5"))]
-        return Err(left_out("HDF5").in_file(path));
-    } else if start.starts_with(PACKED) {
-        #[cfg(feature = "numpy")]
-        return numpy::read_npz(whole, path, layout, limits);
-        #[cfg(not(feature = "numpy"))]
-        return Err(left_out("packed").in_file(path));
-    } else if start.starts_with(NUMPY) {
-        #[cfg(feature = "numpy")]
-        return numpy::read_npy(whole, path, layout, limits);
-        #[cfg(not(feature = "numpy"))]
-        return Err(left_out("NumPy").in_file(path));
-    } else if start.starts_with(SQLITE) {
-        #[cfg(feature = "rosbag")]
-        return rosbag::read(whole, path, layout, limits);
-        #[cfg(not(feature = "rosbag"))]
-        return Err(left_out("SQLite").in_file(path));
-    } else if start.starts_with(TDMS) {
-        tdms::read(whole, path, layout, limits)
+    if let Some(format) = Binary::of(start) {
+        binary::read(format, Source::Stream(&mut whole), path, layout, limits)
     } else if is_json(start) {
         json_lines::read(whole, path, layout, limits)
     } else {
@@ -365,7 +297,11 @@ fn is_json(start: &[u8]) -> bool {
 }
 
 /// Names a format that is not read, and what to do.
-fn refuse_foreign(start: &[u8], path: &Path) -> Result<(), InputError> {
+///
+/// # Errors
+///
+/// Names the file, its format and how it is converted.
+pub fn refuse_foreign(start: &[u8], path: &Path) -> Result<(), InputError> {
     let Some((_, what, advice)) = FOREIGN.iter().find(|(magic, ..)| start.starts_with(magic))
     else {
         return Ok(());
@@ -374,146 +310,23 @@ fn refuse_foreign(start: &[u8], path: &Path) -> Result<(), InputError> {
     Err(InputError::new(format!("is {what}, which is not read"), advice).in_file(path))
 }
 
-/// What rosbag2 writes into the folder of a bag beside its files.
-const ABOUT_BAG: &str = "metadata.yaml";
-/// In it, what comes before the names of the files.
-const FILES_OF_BAG: &str = "relative_file_paths:";
-/// The endings of a bag's files, with the one that is preferred first.
-const OF_BAGS: [&str; 2] = ["mcap", "db3"];
-/// Appended to the ending of a file that is packed whole.
-const PACKED_FILE: &str = ".zstd";
-
-/// The files of the bag of rosbag2 in a folder: one, or all those that its metadata list.
-fn bag_in(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
-    let fail = |error: std::io::Error| InputError::from_io(folder, &error);
-    let mut files: Vec<PathBuf> = std::fs::read_dir(folder)
-        .map_err(fail)?
-        .map(|entry| entry.map(|it| it.path()))
-        .collect::<Result<_, _>>()
-        .map_err(fail)?;
-    files.sort();
-    let about = folder.join(ABOUT_BAG);
-    if about.is_file() {
-        let listed = files_listed(&bounded::read_text(&about)?);
-        if listed.len() > 1 {
-            let unpacked = |name: &String| {
-                let name = name.strip_suffix(PACKED_FILE).unwrap_or(name);
-                Some(folder.join(name)).filter(|file| file.is_file())
-            };
-            let there = |name: &String| unpacked(name).unwrap_or_else(|| folder.join(name));
-            return Ok(listed.iter().map(there).collect());
-        }
-    }
-    let ends = |path: &&PathBuf, ending: &str| {
-        let name = path.file_name().map(|it| it.to_string_lossy());
-        name.is_some_and(|it| it.ends_with(ending))
-    };
-    for packed in ["", PACKED_FILE] {
-        for kind in OF_BAGS {
-            let ending = format!(".{kind}{packed}");
-            let found: Vec<PathBuf> = files
-                .iter()
-                .filter(|it| ends(it, &ending))
-                .cloned()
-                .collect();
-            if found.len() > 1 {
-                return Err(InputError::new(
-                    format!(
-                        "holds {} files, and no {ABOUT_BAG} that makes one bag of them",
-                        found.len()
-                    ),
-                    format!("name its {ending} files one by one: each is a recording"),
-                )
-                .in_file(folder));
-            }
-            if !found.is_empty() {
-                return Ok(found);
-            }
-        }
-    }
-    Err(InputError::new(
-        "is a folder, and no bag of ROS 2",
-        "name the recordings in it",
-    )
-    .in_file(folder))
-}
-
-/// The names of the files that the metadata of a bag list.
-fn files_listed(about: &str) -> Vec<String> {
-    about
-        .lines()
-        .map(str::trim)
-        .skip_while(|line| !line.starts_with(FILES_OF_BAG))
-        .skip(1)
-        .map_while(|line| line.strip_prefix("- "))
-        .map(|name| name.trim().trim_matches(['"', '\'']))
-        // Older versions write the folder too.
-        .map(|name| name.rsplit('/').next().unwrap_or(name).to_owned())
-        .collect()
-}
-
-/// Reads the files of a bag as the one recording that they are.
-#[cfg(any(feature = "mcap", feature = "rosbag"))]
-fn read_together(files: &[PathBuf], bag: &Path, layout: &Layout) -> Result<Samples, InputError> {
-    let limits = Limits::RECORDING;
-    let mut topics = topics::Topics::of(layout);
-    for path in files {
-        let fail = |error: std::io::Error| InputError::from_io(path, &error);
-        let mut file = File::open(path).map_err(fail)?;
-        let start = start_of(&mut file).map_err(fail)?;
-        refuse_foreign(&start, path)?;
-        if start.starts_with(SQLITE) {
-            #[cfg(feature = "rosbag")]
-            rosbag::read_into(&mut topics, path, limits)?;
-            #[cfg(not(feature = "rosbag"))]
-            return Err(left_out("SQLite").in_file(path));
-        } else {
-            #[cfg(feature = "mcap")]
-            mcap::read_into(&mut topics, Cursor::new(start).chain(file), path, limits)?;
-            #[cfg(not(feature = "mcap"))]
-            return Err(left_out("MCAP").in_file(path));
-        }
-    }
-    topics
-        .sheet(bag, layout)?
-        .samples(bag, layout, limits, "topic")
-}
-
-#[cfg(not(any(feature = "mcap", feature = "rosbag")))]
-fn read_together(_: &[PathBuf], bag: &Path, _: &Layout) -> Result<Samples, InputError> {
-    Err(left_out("MCAP").in_file(bag))
-}
-
-/// The error for a format that the page, the demo or a program that reads only models is built
-/// without.
-#[cfg(not(all(
-    feature = "hdf5",
-    feature = "mcap",
-    feature = "numpy",
-    feature = "parquet",
-    feature = "rosbag"
-)))]
-fn left_out(format: &str) -> InputError {
-    InputError::new(
-        format!("is a {format} file, which this program was built without"),
-        "convert it to CSV with a softrig that has all formats, as that of a release and of `cargo build --release -p softrig-cli`: softrig convert",
-    )
-}
-
-fn is_parquet(start: &[u8]) -> bool {
-    start.starts_with(PARQUET)
-}
-
 /// Whether a file that starts so is a recording in a binary format or a packed table: nothing
 /// else that is read or written here is either. What HDF5 holds nobody knows.
 pub fn is_binary_recording(start: &[u8]) -> bool {
-    [GZIP, PARQUET, MCAP, MATLAB, NUMPY, TDMS]
-        .iter()
-        .any(|it| start.starts_with(it))
+    match Binary::of(start) {
+        Some(Binary::Hdf5) => start.starts_with(MATLAB),
+        Some(Binary::Packed | Binary::Sqlite) => false,
+        Some(_) => true,
+        None => start.starts_with(GZIP) || start.starts_with(MATLAB),
+    }
 }
 
 /// The first bytes of a file or a pipe, which gives them in pieces.
-fn start_of(file: &mut impl Read) -> std::io::Result<Vec<u8>> {
+///
+/// # Errors
+///
+/// Those of reading it.
+pub fn start_of(file: &mut impl Read) -> std::io::Result<Vec<u8>> {
     let mut start = Vec::with_capacity(START);
     file.take(START as u64).read_to_end(&mut start)?;
     Ok(start)
@@ -521,7 +334,7 @@ fn start_of(file: &mut impl Read) -> std::io::Result<Vec<u8>> {
 
 /// Columns that a format holds one after the other.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Sheet {
+pub struct Sheet {
     /// Names and values, all of the same number.
     pub columns: Vec<(String, Values)>,
     /// Metadata that the file holds, as TOML.
@@ -534,7 +347,7 @@ pub(crate) struct Sheet {
 
 /// The values of a column.
 #[derive(Clone, Debug)]
-pub(crate) enum Values {
+pub enum Values {
     /// Numbers, NaN where there is none, and how many decimals they are shown with.
     Numbers(Vec<f64>, Decimals),
     /// Texts, empty where there is none.
@@ -542,7 +355,8 @@ pub(crate) enum Values {
 }
 
 impl Values {
-    pub(crate) fn len(&self) -> usize {
+    /// How many there are.
+    pub fn len(&self) -> usize {
         match self {
             Self::Numbers(values, _) => values.len(),
             Self::Texts(values) => values.len(),
@@ -552,12 +366,16 @@ impl Values {
 
 impl Sheet {
     /// The names of the columns.
-    pub(crate) fn names(&self) -> Vec<String> {
+    pub fn names(&self) -> Vec<String> {
         self.columns.iter().map(|(name, _)| name.clone()).collect()
     }
 
     /// Makes samples of it. `what` a column is called in this format: a column, a variable.
-    pub(crate) fn samples(
+    ///
+    /// # Errors
+    ///
+    /// Names the file, the column and what is wrong with it.
+    pub fn samples(
         mut self,
         path: &Path,
         layout: &Layout,
@@ -741,7 +559,7 @@ fn not_usable(written: &str) -> InputError {
 }
 
 /// Says what a library found in a damaged file.
-fn damaged(path: &Path, format: &str, error: &dyn std::fmt::Display) -> InputError {
+pub fn damaged(path: &Path, format: &str, error: &dyn std::fmt::Display) -> InputError {
     InputError::new(
         format!("is a damaged {format} file: {error}"),
         "copy it again from where it was written, or export it again",
@@ -750,7 +568,11 @@ fn damaged(path: &Path, format: &str, error: &dyn std::fmt::Display) -> InputErr
 }
 
 /// Reads a whole stream, as far as it may be.
-fn read_whole(whole: impl Read, path: &Path, limits: Limits) -> Result<Vec<u8>, InputError> {
+///
+/// # Errors
+///
+/// Names the file that cannot be read, or is too large.
+pub fn read_whole(whole: impl Read, path: &Path, limits: Limits) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
     whole
         .take(limits.bytes + 1)

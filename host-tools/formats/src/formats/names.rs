@@ -64,11 +64,7 @@ const NOT_MEASURED: [&str; 12] = [
 ];
 
 /// The places of time, pressure and angle in a header. `what` a column is called there.
-pub(crate) fn find(
-    header: &[String],
-    layout: &Layout,
-    what: &str,
-) -> Result<[usize; 3], InputError> {
+pub fn find(header: &[String], layout: &Layout, what: &str) -> Result<[usize; 3], InputError> {
     let mut places = [0; 3];
     for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {
         let name = layout.names.of(quantity);

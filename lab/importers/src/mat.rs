@@ -1,0 +1,457 @@
+//! MATLAB files as `save(…, '-v7')` and `-v6` write them: version 5 of the format.
+//!
+//! A file is a list of elements, each with a type and a length, most of them compressed.
+//! Arrays of numbers are read, alone or as fields of structures: `t`, `run.pressure`, and
+//! `data(:,2)` for a column of a matrix. Everything else (texts, cells, tables, objects) is
+//! skipped. This reader exists because existing ones refuse integers that MATLAB stores in
+//! few bytes, do not read structures, or unpack without a limit.
+
+use std::io::Read;
+use std::path::Path;
+
+use softrig_formats::bounded::Limits;
+use softrig_formats::columns::Layout;
+use softrig_formats::error::InputError;
+use softrig_formats::formats::{Decimals, Samples, Sheet, Values, damaged, read_whole};
+
+/// Bytes before the first element.
+const HEADER: usize = 128;
+/// Types of elements.
+const MATRIX: u32 = 14;
+const COMPRESSED: u32 = 15;
+/// Classes of arrays: a structure, and from double to 64-bit integers.
+const STRUCTURE: u8 = 2;
+const NUMBERS: std::ops::RangeInclusive<u8> = 6..=15;
+/// Structures within structures that are looked into.
+const DEEPEST: usize = 4;
+/// Columns of a matrix that have names; one that is wider is no table of samples.
+const WIDEST: usize = 64;
+
+/// Reads a MATLAB file.
+///
+/// # Errors
+///
+/// Names the file and what is wrong with it, or the variables that it has.
+pub fn read(
+    whole: impl Read,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Samples, InputError> {
+    let bytes = read_whole(whole, path, limits)?;
+    let mut file = File {
+        is_big_endian: bytes.get(126..128) == Some(b"MI"),
+        left: limits.bytes,
+        columns: Vec::new(),
+        values: limits.fields,
+    };
+    if bytes.len() < HEADER {
+        return Err(damaged(path, "MATLAB", &"it ends in its header"));
+    }
+    file.elements(&bytes[HEADER..])
+        .map_err(|fault| match fault {
+            Fault::Damaged(what) => damaged(path, "MATLAB", &what),
+            Fault::TooLarge => softrig_formats::bounded::too_large(limits.bytes).in_file(path),
+        })?;
+    let sheet = Sheet {
+        columns: file.columns,
+        ..Sheet::default()
+    };
+    sheet.samples(path, layout, limits, "variable")
+}
+
+/// Why a file is not read.
+enum Fault {
+    Damaged(&'static str),
+    TooLarge,
+}
+
+const ENDS_EARLY: Fault = Fault::Damaged("it ends in the middle of a variable");
+
+/// The state of the reader.
+struct File {
+    is_big_endian: bool,
+    /// Bytes that may still be unpacked.
+    left: u64,
+    /// Numbers that may still be kept.
+    values: u64,
+    columns: Vec<(String, Values)>,
+}
+
+/// An element: its type, its bytes, and what follows it.
+struct Element<'a> {
+    kind: u32,
+    data: &'a [u8],
+    rest: &'a [u8],
+}
+
+impl File {
+    fn array<const N: usize>(&self, bytes: &[u8]) -> Option<[u8; N]> {
+        let mut array: [u8; N] = bytes.get(..N)?.try_into().ok()?;
+        if self.is_big_endian {
+            array.reverse();
+        }
+        Some(array)
+    }
+
+    fn u32(&self, bytes: &[u8]) -> Option<u32> {
+        self.array(bytes).map(u32::from_le_bytes)
+    }
+
+    fn element<'a>(&self, bytes: &'a [u8]) -> Result<Element<'a>, Fault> {
+        let tag = self.u32(bytes).ok_or(ENDS_EARLY)?;
+        // Up to four bytes may stand in the tag itself.
+        let small = tag >> 16;
+        if small != 0 {
+            return Ok(Element {
+                kind: tag & 0xffff,
+                data: bytes.get(4..4 + small as usize).ok_or(ENDS_EARLY)?,
+                rest: bytes.get(8..).unwrap_or_default(),
+            });
+        }
+        let length = self.u32(&bytes[4..]).ok_or(ENDS_EARLY)? as usize;
+        let end = length.checked_add(8).ok_or(ENDS_EARLY)?;
+        let padded = if tag == COMPRESSED {
+            end
+        } else {
+            end.next_multiple_of(8)
+        };
+        Ok(Element {
+            kind: tag,
+            data: bytes.get(8..end).ok_or(ENDS_EARLY)?,
+            rest: bytes.get(padded..).unwrap_or_default(),
+        })
+    }
+
+    fn elements(&mut self, mut bytes: &[u8]) -> Result<(), Fault> {
+        while !bytes.is_empty() {
+            let element = self.element(bytes)?;
+            match element.kind {
+                MATRIX => self.matrix(element.data, "", 0)?,
+                COMPRESSED => {
+                    let unpacked = self.unpack(element.data)?;
+                    let inner = self.element(&unpacked)?;
+                    if inner.kind == MATRIX {
+                        self.matrix(inner.data, "", 0)?;
+                    }
+                }
+                _ => {}
+            }
+            bytes = element.rest;
+        }
+        Ok(())
+    }
+
+    fn unpack(&mut self, packed: &[u8]) -> Result<Vec<u8>, Fault> {
+        let mut unpacked = Vec::new();
+        flate2::read::ZlibDecoder::new(packed)
+            .take(self.left + 1)
+            .read_to_end(&mut unpacked)
+            .map_err(|_| Fault::Damaged("a variable cannot be unpacked"))?;
+        self.left = self
+            .left
+            .checked_sub(unpacked.len() as u64)
+            .ok_or(Fault::TooLarge)?;
+        Ok(unpacked)
+    }
+
+    /// Keeps the columns of an array, or the fields of a structure under their names.
+    fn matrix(&mut self, bytes: &[u8], known_as: &str, depth: usize) -> Result<(), Fault> {
+        if bytes.is_empty() {
+            // A field without a value.
+            return Ok(());
+        }
+        let flags = self.element(bytes)?;
+        let class = self.u32(flags.data).ok_or(ENDS_EARLY)? & 0xff;
+        let sizes = self.element(flags.rest)?;
+        let name = self.element(sizes.rest)?;
+        let sizes: Vec<usize> = sizes
+            .data
+            .chunks_exact(4)
+            .filter_map(|size| self.u32(size))
+            .map(|size| size as usize)
+            .collect();
+        let name_of_its_own = String::from_utf8_lossy(name.data);
+        let full = match known_as {
+            "" => name_of_its_own.into_owned(),
+            known_as => known_as.to_owned(),
+        };
+        #[allow(clippy::cast_possible_truncation)] // Eight bits are left.
+        match class as u8 {
+            STRUCTURE if depth < DEEPEST && sizes.iter().all(|&size| size == 1) => {
+                self.fields(name.rest, &full, depth)
+            }
+            class if NUMBERS.contains(&class) => {
+                let values = self.element(name.rest)?;
+                let numbers = self.numbers(values.kind, values.data)?;
+                self.keep(&full, &sizes, numbers)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn fields(&mut self, bytes: &[u8], of: &str, depth: usize) -> Result<(), Fault> {
+        let length = self.element(bytes)?;
+        let names = self.element(length.rest)?;
+        let length = self.u32(length.data).ok_or(ENDS_EARLY)? as usize;
+        let mut rest = names.rest;
+        for name in names.data.chunks_exact(length.max(1)) {
+            let end = name.iter().position(|&byte| byte == 0);
+            let name = String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]);
+            let field = self.element(rest)?;
+            if field.kind == MATRIX {
+                self.matrix(field.data, &format!("{of}.{name}"), depth + 1)?;
+            }
+            rest = field.rest;
+        }
+        Ok(())
+    }
+
+    /// MATLAB stores numbers as small as they fit, whatever their class.
+    fn numbers(&self, kind: u32, bytes: &[u8]) -> Result<Vec<f64>, Fault> {
+        macro_rules! all {
+            ($type:ty) => {
+                bytes
+                    .chunks_exact(size_of::<$type>())
+                    .filter_map(|bytes| self.array(bytes))
+                    .map(|bytes| <$type>::from_le_bytes(bytes) as f64)
+                    .collect()
+            };
+        }
+        #[allow(clippy::cast_lossless)] // Not all of them are lossless.
+        Ok(match kind {
+            1 => all!(i8),
+            2 => all!(u8),
+            3 => all!(i16),
+            4 => all!(u16),
+            5 => all!(i32),
+            6 => all!(u32),
+            7 => all!(f32),
+            9 => all!(f64),
+            12 => all!(i64),
+            13 => all!(u64),
+            _ => return Err(Fault::Damaged("a variable has numbers of no known type")),
+        })
+    }
+
+    fn keep(&mut self, name: &str, sizes: &[usize], numbers: Vec<f64>) -> Result<(), Fault> {
+        let count = sizes
+            .iter()
+            .try_fold(1_usize, |count, &size| count.checked_mul(size));
+        if count != Some(numbers.len()) {
+            return Err(Fault::Damaged("a variable has another size than it says"));
+        }
+        self.values = self
+            .values
+            .checked_sub(numbers.len() as u64)
+            .ok_or(Fault::TooLarge)?;
+        match *sizes {
+            [1, _] | [_, 1] => self.columns.push((name.to_owned(), values(numbers))),
+            // One column after the other.
+            [rows, columns] if rows > 0 && columns <= WIDEST => {
+                for (number, column) in (1..).zip(numbers.chunks_exact(rows)) {
+                    let name = format!("{name}(:,{number})");
+                    self.columns.push((name, values(column.to_vec())));
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn values(numbers: Vec<f64>) -> Values {
+    Values::Numbers(numbers, Decimals::Various)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use softrig_formats::columns::Names;
+    use std::io::Write;
+
+    /// Elements as MATLAB writes them, in the order of bytes of most computers.
+    fn element(kind: u32, data: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let length = u32::try_from(data.len()).unwrap();
+        if (1..=4).contains(&data.len()) {
+            bytes.extend((kind | length << 16).to_le_bytes());
+            bytes.extend(data);
+            bytes.resize(8, 0);
+            return bytes;
+        }
+        bytes.extend(kind.to_le_bytes());
+        bytes.extend(length.to_le_bytes());
+        bytes.extend(data);
+        if kind != COMPRESSED {
+            bytes.resize(bytes.len().next_multiple_of(8), 0);
+        }
+        bytes
+    }
+
+    fn array(class: u32, name: &str, sizes: [i32; 2], inside: &[u8]) -> Vec<u8> {
+        let flags = [class.to_le_bytes(), 0_u32.to_le_bytes()].concat();
+        let sizes = sizes.map(i32::to_le_bytes).concat();
+        let parts = [
+            element(6, &flags),
+            element(5, &sizes),
+            element(1, name.as_bytes()),
+            inside.to_vec(),
+        ];
+        element(MATRIX, &parts.concat())
+    }
+
+    fn doubles(name: &str, sizes: [i32; 2], values: &[f64]) -> Vec<u8> {
+        let bytes: Vec<u8> = values.iter().flat_map(|it| it.to_le_bytes()).collect();
+        array(6, name, sizes, &element(9, &bytes))
+    }
+
+    fn packed(bytes: &[u8]) -> Vec<u8> {
+        let mut packer =
+            flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+        packer.write_all(bytes).unwrap();
+        element(COMPRESSED, &packer.finish().unwrap())
+    }
+
+    fn file(elements: &[Vec<u8>]) -> Vec<u8> {
+        let mut bytes = b"MATLAB 5.0 MAT-file, made by a test".to_vec();
+        bytes.resize(124, b' ');
+        bytes.extend([0, 1, b'I', b'M']);
+        bytes.extend(elements.concat());
+        bytes
+    }
+
+    fn read_as(bytes: &[u8], columns: &str) -> Result<Samples, InputError> {
+        let layout = Layout {
+            names: Names::parse(columns).unwrap(),
+            ..Layout::default()
+        };
+        let path = Path::new("lab.mat");
+        crate::read_bytes(bytes, path, &layout)
+    }
+
+    fn good() -> Vec<u8> {
+        // Doubles that are whole are stored as bytes.
+        let small = array(6, "time_s", [1, 3], &element(2, &[0, 1, 2]));
+        file(&[
+            packed(&small),
+            packed(&doubles("pressure_kpa", [3, 1], &[1.5, 2.5, -3.5])),
+            doubles("angle_deg", [3, 1], &[10.25, 20.0, 30.0]),
+            array(4, "note", [1, 5], &element(16, b"hello")),
+            doubles("gain", [1, 1], &[4.0]),
+            doubles("setpoint_deg", [3, 1], &[60.0, f64::NAN, 0.1]),
+        ])
+    }
+
+    #[test]
+    fn variables_are_columns() {
+        let samples = read_as(&good(), "time=time_s").unwrap();
+        assert_eq!(samples.time_s, [0.0, 1.0, 2.0]);
+        assert_eq!(samples.pressure_kpa, [1.5, 2.5, -3.5]);
+        assert_eq!(samples.angle_deg, [10.25, 20.0, 30.0]);
+        assert_eq!(samples.extra.len(), 1, "one has as many values");
+        assert_eq!(samples.extra[0].fields, ["60", "", "0.1"]);
+    }
+
+    #[test]
+    fn fields_of_structures_and_columns_of_matrices_have_names() {
+        let time = doubles("", [2, 1], &[0.0, 0.5]);
+        let pressure = array(7, "", [2, 1], &element(7, &[0, 0, 128, 63, 0, 0, 0, 64]));
+        let inside = [
+            element(5, &8_i32.to_le_bytes()),
+            element(1, b"t\0\0\0\0\0\0\0press\0\0\0"),
+            time,
+            pressure,
+        ];
+        let bytes = file(&[
+            array(u32::from(STRUCTURE), "run", [1, 1], &inside.concat()),
+            packed(&doubles("data", [2, 2], &[1.0, 2.0, 30.0, 40.0])),
+        ]);
+        let columns = "time=run.t,pressure=run.press,angle=data(:,2)";
+        let samples = read_as(&bytes, columns).unwrap();
+        assert_eq!(samples.time_s, [0.0, 0.5]);
+        assert_eq!(samples.pressure_kpa, [1.0, 2.0]);
+        assert_eq!(samples.angle_deg, [30.0, 40.0]);
+        let said = read_as(&bytes, "time=t").unwrap_err().to_string();
+        assert!(
+            said.contains("lab.mat, column t: has no variable t")
+                && said.contains("run.t, run.press, data(:,1), data(:,2)"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        for (bytes, columns, part) in [
+            (
+                file(&[
+                    doubles("time_s", [2, 1], &[0.0, 1.0]),
+                    doubles("pressure_kpa", [3, 1], &[0.0, 1.0, 2.0]),
+                    doubles("angle_deg", [2, 1], &[0.0, 1.0]),
+                ]),
+                "time=time_s",
+                "pressure_kpa has 3 values, and time_s has 2",
+            ),
+            (good(), "angle=setpoint_deg", "row 2: NaN is not a number"),
+            (
+                good(),
+                "angle=time_s,time=angle_deg,pressure=pressure_kpa",
+                "",
+            ),
+            (good()[..100].to_vec(), "time=t", "ends in its header"),
+            (
+                file(&[doubles("x", [9, 9], &[1.0])]),
+                "time=t",
+                "another size",
+            ),
+            (
+                // A head without the HDF5 file that follows it.
+                b"MATLAB 7.3 MAT-file, Platform: GLNXA64".to_vec(),
+                "time=t",
+                "damaged HDF5 file",
+            ),
+        ] {
+            match read_as(&bytes, columns) {
+                Ok(_) => assert!(part.is_empty()),
+                Err(error) => assert!(error.to_string().contains(part), "{error}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_bomb_is_refused_before_it_goes_off() {
+        let zeros = vec![0; 64 << 20];
+        let bomb = file(&[packed(&zeros), packed(&zeros)]);
+        let limits = Limits {
+            bytes: 100 << 20,
+            ..Limits::RECORDING
+        };
+        let error = read(&bomb[..], Path::new("lab.mat"), &Layout::default(), limits);
+        let said = error.unwrap_err().to_string();
+        assert!(said.contains("more than 100 MiB"), "{said}");
+    }
+
+    proptest! {
+        /// A damaged file is an error with its name, or still a recording.
+        #[test]
+        fn damage_is_an_error(
+            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+            end in any::<prop::sample::Index>(),
+            cut in any::<bool>(),
+        ) {
+            let mut bytes = good();
+            for (place, byte) in edits {
+                let place = place.index(bytes.len());
+                bytes[place] = byte;
+            }
+            if cut {
+                bytes.truncate(end.index(bytes.len()));
+            }
+            match read_as(&bytes, "time=time_s") {
+                Ok(samples) => prop_assert!(samples.len() >= 2),
+                Err(error) => prop_assert_eq!(error.file.as_deref(), Some(Path::new("lab.mat"))),
+            }
+        }
+    }
+}

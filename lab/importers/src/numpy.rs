@@ -1,0 +1,161 @@
+//! NumPy: `.npz` of `numpy.savez` and `savez_compressed`, and `.npy` of `numpy.save`.
+//!
+//! Each array of one dimension is a column by its name. The columns of an array with two are
+//! called `name[0]`, `name[1]`, …; those of an `.npy`, which has no name, `#1`, `#2`, ….
+
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use npyz::{DType, NpyFile, Order, TypeChar};
+use zip::ZipArchive;
+
+use crate::guard::guarded;
+use softrig_formats::bounded::{self, Limits};
+use softrig_formats::columns::Layout;
+use softrig_formats::error::InputError;
+use softrig_formats::formats::{Decimals, Samples, Sheet, Values, damaged, read_whole};
+
+/// Reads a packed file: arrays of numpy, and nothing else.
+///
+/// # Errors
+///
+/// Names the file and what it is instead.
+pub fn read_npz(
+    whole: impl Read,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Samples, InputError> {
+    let bytes = read_whole(whole, path, limits)?;
+    let fail = |error: &dyn std::fmt::Display| damaged(path, "packed", error);
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| fail(&error))?;
+    let mut sheet = Sheet::default();
+    let mut left = limits.bytes;
+    for index in 0..archive.len() {
+        let entry = archive.by_index(index).map_err(|error| fail(&error))?;
+        let Some(name) = entry.name().strip_suffix(".npy").map(str::to_owned) else {
+            continue;
+        };
+        let mut bytes = Vec::new();
+        entry
+            .take(left + 1)
+            .read_to_end(&mut bytes)
+            .map_err(|error| fail(&error))?;
+        left = left
+            .checked_sub(bytes.len() as u64)
+            .ok_or_else(|| bounded::too_large(limits.bytes).in_file(path))?;
+        let called = |number, count| match count {
+            1 => name.clone(),
+            _ => format!("{name}[{number}]"),
+        };
+        sheet.columns.extend(array(&bytes, path, &called)?);
+    }
+    if sheet.columns.is_empty() {
+        let is_spreadsheet = archive.file_names().any(|name| name.starts_with("xl/"));
+        let (found, advice) = if is_spreadsheet {
+            ("is a spreadsheet of Excel", "export the sheet as CSV")
+        } else {
+            (
+                "is a packed file without arrays of numpy in it",
+                "unpack it, or export a sheet as CSV",
+            )
+        };
+        return Err(InputError::new(found, advice).in_file(path));
+    }
+    sheet.samples(path, layout, limits, "array")
+}
+
+/// Reads a single array.
+///
+/// # Errors
+///
+/// Names the file.
+pub fn read_npy(
+    whole: impl Read,
+    path: &Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Samples, InputError> {
+    let bytes = read_whole(whole, path, limits)?;
+    let columns = array(&bytes, path, &|number, _| format!("#{}", number + 1))?;
+    let sheet = Sheet {
+        columns,
+        ..Sheet::default()
+    };
+    sheet.samples(path, layout, limits, "column")
+}
+
+/// [`columns`] of a file that may be damaged.
+fn array(
+    bytes: &[u8],
+    path: &Path,
+    called: &dyn Fn(usize, usize) -> String,
+) -> Result<Vec<(String, Values)>, InputError> {
+    guarded(|| columns(bytes, called))
+        .map_err(|said| damaged(path, "NumPy", &said))?
+        .map_err(|error| damaged(path, "NumPy", &error))
+}
+
+/// The columns of an array, called by their numbers from 0 and how many there are; none of an
+/// array that holds no numbers, or has more than two dimensions.
+fn columns(
+    bytes: &[u8],
+    called: &dyn Fn(usize, usize) -> String,
+) -> std::io::Result<Vec<(String, Values)>> {
+    let file = NpyFile::new(bytes)?;
+    let shape: Vec<usize> = file
+        .shape()
+        .iter()
+        .map(|&length| usize::try_from(length).unwrap_or(usize::MAX))
+        .collect();
+    let order = file.order();
+    let (rows, count) = match *shape.as_slice() {
+        // A row of MATLAB's kind is one too.
+        [rows] | [1, rows] => (rows, 1),
+        [rows, count] => (rows, count),
+        _ => return Ok(Vec::new()),
+    };
+    // The header may say anything; eight bits are the least that a number has.
+    if rows.saturating_mul(count) > bytes.len() {
+        return Err(std::io::Error::other("it is shorter than its header says"));
+    }
+    let Some(numbers) = numbers(file)? else {
+        return Ok(Vec::new());
+    };
+    let columns = (0..count).map(|column| {
+        let values = (0..rows).map(|row| match order {
+            Order::C => numbers[row * count + column],
+            Order::Fortran => numbers[column * rows + row],
+        });
+        let values = Values::Numbers(values.collect(), Decimals::Various);
+        (called(column, count), values)
+    });
+    Ok(columns.collect())
+}
+
+/// The numbers of an array in its own order; none if it holds something else.
+#[allow(clippy::cast_precision_loss)] // Counters and time stamps: f64 is what all else is in.
+fn numbers(file: NpyFile<&[u8]>) -> std::io::Result<Option<Vec<f64>>> {
+    let DType::Plain(kind) = file.dtype() else {
+        return Ok(None);
+    };
+    macro_rules! read {
+        ($of:ty, $convert:expr) => {
+            file.into_vec::<$of>()?.into_iter().map($convert).collect()
+        };
+    }
+    Ok(Some(match (kind.type_char(), kind.size_field()) {
+        (TypeChar::Float, 8) => read!(f64, |it| it),
+        (TypeChar::Float, 4) => read!(f32, f64::from),
+        (TypeChar::Int, 8) => read!(i64, |it| it as f64),
+        (TypeChar::Int, 4) => read!(i32, f64::from),
+        (TypeChar::Int, 2) => read!(i16, f64::from),
+        (TypeChar::Int, 1) => read!(i8, f64::from),
+        (TypeChar::Uint, 8) => read!(u64, |it| it as f64),
+        (TypeChar::Uint, 4) => read!(u32, f64::from),
+        (TypeChar::Uint, 2) => read!(u16, f64::from),
+        (TypeChar::Uint, 1) => read!(u8, f64::from),
+        (TypeChar::Bool, 1) => read!(bool, |it| f64::from(u8::from(it))),
+        _ => return Ok(None),
+    }))
+}
