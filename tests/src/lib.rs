@@ -3,7 +3,6 @@
 //! of the demo.
 
 pub mod process;
-pub mod reports;
 pub mod rig_loop;
 pub mod verdict;
 

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! What the board does by itself: EEPROM, resets, power, sleep, marks.
 
-mod common;
-
-use common::{ask, obeying, tell, wait};
+use super::common::{ask, obeying, tell, wait};
 use virtual_rig::{Fault, Options, ResetCause, VirtualRig};
 
 const POWER_ON: i64 = 1;
@@ -216,7 +214,7 @@ fn marked_stretches_add_up() {
 
 #[test]
 fn an_eeprom_of_another_size_is_refused() {
-    let Some(elf) = common::obey_elf() else {
+    let Some(elf) = super::common::obey_elf() else {
         return;
     };
     let image = virtual_rig::Image::parse(elf).unwrap();

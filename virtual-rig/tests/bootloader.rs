@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! Opening the port resets the board, and a programmer can replace its flash.
 
-mod common;
-
-use common::{obeying, wait};
+use super::common::{obeying, wait};
 use virtual_rig::{Image, Options, VirtualRig, stk500::seal};
 
 #[test]
@@ -34,7 +32,7 @@ fn opening_the_port_resets_and_waits_a_second_before_the_program() {
 
 #[test]
 fn a_programmer_writes_an_erased_board_and_starts_it() {
-    let Some(elf) = common::obey_elf() else {
+    let Some(elf) = super::common::obey_elf() else {
         return;
     };
     let flash = Image::parse(elf).unwrap().flash().to_vec();

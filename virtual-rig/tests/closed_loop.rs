@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The board moves the plant, and sees it through its pins.
 
-mod common;
-
-use common::{ask, obeying, tell, wait};
+use super::common::{ask, obeying, tell, wait};
 use virtual_rig::{Fault, Options};
 
 /// Means of many conversions.

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The rig behind its port, as another program sees it.
 
-mod common;
-
 use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},
@@ -118,7 +116,7 @@ impl Client {
 
 /// A folder with `obey.elf` in it.
 fn folder() -> Option<tempfile::TempDir> {
-    let elf = common::obey_elf()?;
+    let elf = super::common::obey_elf()?;
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("obey.elf"), elf).unwrap();
     Some(folder)

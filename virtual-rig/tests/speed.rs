@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! Simulated time must pass faster than real time, or nobody can use the port.
 
-mod common;
-
 use std::time::Instant;
 
 use virtual_rig::{Image, Options, VirtualRig};
@@ -10,7 +8,7 @@ use virtual_rig::{Image, Options, VirtualRig};
 #[test]
 #[ignore = "a measurement; run it alone: cargo test -p virtual-rig --test speed -- --ignored --nocapture"]
 fn a_busy_board_and_its_plant_run_faster_than_real_time() {
-    let Some(elf) = common::compile("busy.c") else {
+    let Some(elf) = super::common::compile("busy.c") else {
         return;
     };
     let image = Image::parse(&elf).unwrap();

@@ -8,7 +8,7 @@ use softrig::synth::example::Hidden;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 
-use crate::steps;
+use super::steps;
 
 /// A model, and recordings of an actuator that hides `kind`.
 fn example(kind: Kind) -> (ModelFile, Vec<Recording>) {

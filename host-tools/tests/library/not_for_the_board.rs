@@ -9,7 +9,7 @@ use softrig_report::Outputs;
 use softrig_report::content::Content;
 use softrig_report::terminal::summary;
 
-use crate::steps;
+use super::steps;
 
 #[test]
 fn a_model_that_the_board_refuses_is_not_for_upload_and_the_reason_is_said() {

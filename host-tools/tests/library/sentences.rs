@@ -9,7 +9,7 @@ use softrig::synth::example::Hidden;
 use softrig_formats::family::Family;
 use softrig_report::content::sentence;
 
-use crate::steps;
+use super::steps;
 
 fn explanation(kinds: &[Kind]) -> Explanation {
     Explanation {

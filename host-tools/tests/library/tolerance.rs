@@ -4,7 +4,7 @@ use softrig::diagnose::finding::Finding;
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
 use softrig::synth::example::Hidden;
 
-use crate::steps;
+use super::steps;
 
 /// What the angle sensor adds in run number `run` (rad): five slow sines, other ones in every
 /// run, of 0.2° in all. No effect of the catalogue does that.

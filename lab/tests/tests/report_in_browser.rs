@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use softrig::diagnose::verdict::Answer;
 use softrig_lab_tests::browser::{Page, browser};
 use softrig_report::pictures::{NOMINAL, REFITTED};
-use softrig_tests::reports::{Report, of_every_kind};
+use softrig_lab_tests::reports::{Report, of_every_kind};
 
 /// Widths of a desk and of a phone.
 const WIDTHS: [u32; 2] = [1280, 390];

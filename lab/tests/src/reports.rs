@@ -22,7 +22,7 @@ use softrig_report::provenance::Provenance;
 use softrig_report::terminal::summary;
 use wire::protocol::Named;
 
-use crate::Case;
+use softrig_tests::Case;
 
 /// The name of a recording that would end a page whose names are not escaped.
 pub const EVIL: &str = "step90_2 <script>alert('x')<b> & \"co\"";

@@ -1,0 +1,6 @@
+//! The command and its libraries from outside, in one program.
+
+#[path = "cli/main.rs"]
+mod cli;
+#[path = "library/main.rs"]
+mod library;

@@ -1,0 +1,5 @@
+//! The command on the virtual rig: commissioning, flashing and the whole loop.
+
+mod commission_on_the_virtual_rig;
+mod flash_on_the_virtual_rig;
+mod loop_on_the_virtual_rig;
