@@ -3,18 +3,16 @@
 
 #[path = "common/schema.rs"]
 mod schema;
-#[path = "common/virtual_rig.rs"]
-mod virtual_rig;
 
 use std::fs;
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use super::served::{VirtualRig, programs, rig, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use schema::follows;
-use virtual_rig::{VirtualRig, programs, rig, wait_until};
 
 /// The steps of a run that failed, and its exit code; none without a simulator.
 fn commission(arguments: &[&str]) -> Option<(Vec<String>, Option<i32>)> {

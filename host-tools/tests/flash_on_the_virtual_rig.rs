@@ -1,14 +1,11 @@
 //! `softrig flash` against the bootloader of the virtual rig.
 #![cfg(unix)]
 
-#[path = "common/virtual_rig.rs"]
-mod virtual_rig;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use virtual_rig::{PORT, VirtualRig, programs};
+use super::served::{PORT, VirtualRig, programs};
 
 /// The image in Intel's format; none where none was built.
 fn image() -> Option<PathBuf> {

@@ -3,11 +3,9 @@
 //! The tests look at one recording, of the actuator that `cargo xtask demo` draws.
 #![cfg(unix)]
 
-#[path = "common/virtual_rig.rs"]
-mod virtual_rig;
-
 use std::{fs, sync::OnceLock};
 
+use super::served::{PORT, VirtualRig, programs};
 use model_core::{
     actuator::ParameterId,
     catalogue::{Effect, Kind},
@@ -18,7 +16,6 @@ use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 use tempfile::TempDir;
-use virtual_rig::{PORT, VirtualRig, programs};
 
 /// The demo's seed.
 const SEED: &str = "1";
@@ -116,7 +113,7 @@ fn go(mut served: VirtualRig) -> Pass {
 
 /// What `softrig` prints.
 fn rig(folder: &TempDir, arguments: &[&str]) -> String {
-    let output = virtual_rig::rig(folder, arguments);
+    let output = super::served::rig(folder, arguments);
     assert!(output.status.success(), "{arguments:?}: {output:?}");
     String::from_utf8(output.stdout).unwrap()
 }

@@ -32,3 +32,8 @@ pub mod predictor;
 pub mod prepared;
 pub mod real;
 mod scalars;
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

@@ -33,3 +33,8 @@ pub mod telemetry;
 pub mod testing;
 #[cfg(any(test, feature = "std"))]
 pub mod text;
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

@@ -266,7 +266,7 @@ impl Choice {
         let mut cargo = cargo();
         cargo.args([command, "--locked"]);
         if self.is_whole() {
-            cargo.args(["--workspace", "--features", "softrig-lab-tests/browser"]);
+            cargo.arg("--workspace");
             return cargo;
         }
         for (set, packages) in [(Core, CORE), (Board, BOARD), (Lab, LAB), (Bench, BENCH)] {
@@ -306,14 +306,13 @@ const BENCH: &[&str] = &["softrig-bench", "softrig-worlds"];
 pub fn test(choice: &Choice) -> Outcome {
     let mut steps = Steps::new(STEPS.len());
     for step in &STEPS {
-        match choice.leaves_out(step) {
-            Some(why) => steps.skip(step.name, &why),
-            None => {
-                steps.step(step.name, || (step.run)(choice))?;
-                if let When::Changed(inputs) = step.when {
-                    changes::passed(step.name, inputs);
-                }
-            }
+        if let Some(why) = choice.leaves_out(step) {
+            steps.skip(step.name, &why);
+            continue;
+        }
+        steps.step(step.name, || (step.run)(choice))?;
+        if let When::Changed(inputs) = step.when {
+            changes::passed(step.name, inputs);
         }
     }
     steps.table();
@@ -388,12 +387,12 @@ fn timed(tests: &mut Command) -> Outcome {
     let cannot = |error: std::io::Error| Failure(format!("the tests: {error}"));
     let mut child = tests.spawn().map_err(cannot)?;
     let out = child.stdout.take().ok_or("the tests have no output")?;
-    let mut slowest: BTreeSet<(u64, String)> = BTreeSet::new();
+    let mut slowest: BTreeSet<(Duration, String)> = BTreeSet::new();
     for line in BufReader::new(out).lines() {
         let line = line.map_err(cannot)?;
         match of_test(&line) {
-            Some((name, ms)) => {
-                slowest.insert((ms, name.to_owned()));
+            Some((name, took)) => {
+                slowest.insert((took, name.to_owned()));
                 if slowest.len() > SLOWEST {
                     slowest.pop_first();
                 }
@@ -403,8 +402,8 @@ fn timed(tests: &mut Command) -> Outcome {
         }
     }
     println!("the slowest tests:");
-    for (ms, name) in slowest.iter().rev() {
-        println!("  {:>6.1} s  {name}", *ms as f64 / 1000.0);
+    for (took, name) in slowest.iter().rev() {
+        println!("  {:>6.1} s  {name}", took.as_secs_f64());
     }
     if child.wait().map_err(cannot)?.success() {
         Ok(())
@@ -413,11 +412,11 @@ fn timed(tests: &mut Command) -> Outcome {
     }
 }
 
-/// The name of a test that passed, and its time (ms), in a line like `test a::b ... ok <1.234s>`.
-fn of_test(line: &str) -> Option<(&str, u64)> {
+/// The name of a test that passed, and its time, in a line like `test a::b ... ok <1.234s>`.
+fn of_test(line: &str) -> Option<(&str, Duration)> {
     let (name, time) = line.strip_prefix("test ")?.split_once(" ... ok <")?;
     let seconds: f64 = time.strip_suffix("s>")?.parse().ok()?;
-    Some((name, (seconds * 1000.0) as u64))
+    Some((name, Duration::try_from_secs_f64(seconds).ok()?))
 }
 
 /// avr8js, on which the image runs beside simavr. Where npm is not to be had or finds nothing, the
@@ -464,7 +463,10 @@ mod tests {
 
     #[test]
     fn times_of_tests_are_read() {
-        assert_eq!(of_test("test a::b ... ok <1.234s>"), Some(("a::b", 1234)));
+        assert_eq!(
+            of_test("test a::b ... ok <1.234s>"),
+            Some(("a::b", Duration::from_millis(1234)))
+        );
         for line in [
             "test a ... FAILED <1.2s>",
             "test a ... ok",

@@ -31,3 +31,8 @@ pub mod setup;
 pub mod table;
 pub mod terminal;
 mod toml_reader;
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

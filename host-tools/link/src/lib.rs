@@ -31,3 +31,8 @@ pub use clock::{Break, Clock};
 pub use error::LinkError;
 pub use port::SerialConnector;
 pub use port::{PERMISSION_ADVICE, PortFound, is_pseudo_terminal, ports};
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

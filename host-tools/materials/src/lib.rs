@@ -50,3 +50,8 @@ mod tests {
         assert_eq!(row("Dragon Skin FX Pro Slacker.csv", "slacker"), None);
     }
 }
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

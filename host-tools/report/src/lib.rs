@@ -38,3 +38,8 @@ pub struct Outputs<'a> {
     /// The repaired model.
     pub model: Option<&'a Path>,
 }
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

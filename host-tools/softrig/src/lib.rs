@@ -30,3 +30,8 @@ pub mod residual_analysis;
 pub mod sim;
 pub mod statistics;
 pub mod synth;
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

@@ -440,3 +440,8 @@ fn aligned(rows: &[[String; 3]], equals: &str) -> String {
         .collect::<Vec<_>>()
         .join("\n")
 }
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

@@ -1,26 +1,63 @@
 //! Pages in headless Chromium, for tests that look at them.
 //!
 //! `cargo xtask test` says where Chromium is. Without it there is nothing to run, and the tests say
-//! so. Where the browser does not answer, a test ends.
+//! so. Where the browser does not answer, a test ends. Of Chromium's `DevTools` protocol this takes a
+//! dozen commands, which are JSON over a web socket; the libraries for it compile all of them.
 #![allow(clippy::missing_panics_doc)]
 
+use std::cell::{Cell, RefCell};
 use std::env;
-use std::ffi::OsStr;
 use std::fs;
+use std::net::TcpStream;
 use std::path::Path;
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
-use headless_chrome::protocol::cdp::Emulation::SetDeviceMetricsOverride;
-use headless_chrome::protocol::cdp::Page::CaptureScreenshot;
-use headless_chrome::protocol::cdp::types::Event;
-use headless_chrome::{Browser, LaunchOptions, Tab};
 use serde_json::{Value, json};
+use tempfile::TempDir;
+use tungstenite::protocol::WebSocketConfig;
+use tungstenite::{Message, WebSocket, client::client_with_config};
 
 const CHROMIUM: &str = "SOFTRIG_CHROMIUM";
 
+/// How long Chromium may take to start.
+const START: Duration = Duration::from_secs(60);
 /// How long a page may be silent: what it computes takes minutes on a busy computer.
 const SILENT: Duration = Duration::from_secs(600);
+
+/// Without a window, a sandbox (a container's user is often root, with which it refuses to start),
+/// the network, and savings that slow down what nobody sees.
+const FLAGS: [&str; 13] = [
+    "--headless",
+    "--no-sandbox",
+    "--no-first-run",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-background-timer-throttling",
+    "--disable-backgrounding-occluded-windows",
+    "--disable-renderer-backgrounding",
+];
+
+/// A browser that ends with this.
+#[derive(Debug)]
+pub struct Browser {
+    process: Child,
+    /// Where it keeps what it knows, and says where it listens.
+    profile: TempDir,
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
 
 /// A browser; none where it is not said which, which is printed.
 pub fn browser() -> Option<Browser> {
@@ -28,63 +65,174 @@ pub fn browser() -> Option<Browser> {
         println!("skipped: {CHROMIUM} is not set; `cargo xtask test` sets it");
         return None;
     };
-    let options = LaunchOptions::default_builder()
-        .path(Some(chromium.into()))
-        // A container's user is often root, with which the sandbox refuses to start.
-        .sandbox(false)
-        .idle_browser_timeout(SILENT)
-        .args(vec![OsStr::new("--hide-scrollbars")])
-        .build()
-        .expect("options");
-    Some(Browser::new(options).expect("Chromium starts"))
+    let profile = tempfile::tempdir().expect("a folder");
+    let process = Command::new(chromium)
+        .args(FLAGS)
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("Chromium starts");
+    Some(Browser { process, profile })
+}
+
+impl Browser {
+    /// The port and the path at which it listens.
+    fn address(&self) -> (String, String) {
+        let file = self.profile.path().join("DevToolsActivePort");
+        let began = Instant::now();
+        loop {
+            let text = fs::read_to_string(&file).unwrap_or_default();
+            if let Some((port, path)) = text.split_once('\n')
+                && path.starts_with('/')
+            {
+                return (port.to_owned(), path.trim().to_owned());
+            }
+            assert!(began.elapsed() < START, "Chromium does not listen");
+            sleep(Duration::from_millis(20));
+        }
+    }
 }
 
 /// A page in a browser, with what it complained about.
-#[allow(missing_debug_implementations)]
+#[derive(Debug)]
 pub struct Page {
-    /// Its tab.
-    pub tab: Arc<Tab>,
-    /// What it complained about.
-    pub complaints: Arc<Mutex<Vec<String>>>,
+    socket: RefCell<WebSocket<TcpStream>>,
+    target: String,
+    session: String,
+    /// Number of the last command.
+    last: Cell<u64>,
+    /// How often it was loaded.
+    loads: Cell<u32>,
+    complaints: RefCell<Vec<String>>,
 }
 
 impl Page {
     /// Opens an empty one.
     pub fn open(browser: &Browser) -> Self {
-        let tab = browser.new_tab().expect("a tab");
-        let complaints = Arc::new(Mutex::new(Vec::new()));
-        let heard = Arc::clone(&complaints);
-        tab.add_event_listener(Arc::new(move |event: &Event| {
-            let complaint = match event {
-                Event::LogEntryAdded(entry) => format!("{entry:?}"),
-                Event::RuntimeExceptionThrown(thrown) => format!("{thrown:?}"),
-                Event::RuntimeConsoleAPICalled(call) => format!("{call:?}"),
-                _ => return,
+        let (port, path) = browser.address();
+        let stream = TcpStream::connect(format!("127.0.0.1:{port}")).expect("Chromium's port");
+        stream.set_read_timeout(Some(SILENT)).expect("a limit");
+        // A picture of a whole page is one message.
+        let config = WebSocketConfig::default()
+            .max_message_size(None)
+            .max_frame_size(None);
+        let url = format!("ws://127.0.0.1:{port}{path}");
+        let (socket, _) = client_with_config(url, stream, Some(config)).expect("a socket");
+        let mut page = Self {
+            socket: RefCell::new(socket),
+            target: String::new(),
+            session: String::new(),
+            last: Cell::new(0),
+            loads: Cell::new(0),
+            complaints: RefCell::new(Vec::new()),
+        };
+        let text = |value: &Value| value.as_str().expect("an identifier").to_owned();
+        let created = page.asks("Target.createTarget", &json!({ "url": "about:blank" }));
+        page.target = text(&created["targetId"]);
+        let attached = page.asks(
+            "Target.attachToTarget",
+            &json!({ "targetId": page.target, "flatten": true }),
+        );
+        page.session = text(&attached["sessionId"]);
+        for domain in ["Page", "Log", "Runtime"] {
+            page.asks(&format!("{domain}.enable"), &json!({}));
+        }
+        page
+    }
+
+    /// Sends a command and waits for its answer.
+    fn asks(&self, method: &str, parameters: &Value) -> Value {
+        let id = self.last.get() + 1;
+        self.last.set(id);
+        let mut command = json!({ "id": id, "method": method, "params": parameters });
+        if !self.session.is_empty() {
+            command["sessionId"] = json!(self.session);
+        }
+        let mut socket = self.socket.borrow_mut();
+        socket
+            .send(Message::text(command.to_string()))
+            .expect("Chromium listens");
+        loop {
+            let said = self.hears(&mut socket);
+            if said["id"] == id {
+                assert!(said["error"].is_null(), "{method}: {}", said["error"]);
+                return said["result"].clone();
+            }
+        }
+    }
+
+    /// The next message, of which complaints and loads are kept.
+    fn hears(&self, socket: &mut WebSocket<TcpStream>) -> Value {
+        loop {
+            let Message::Text(text) = socket.read().expect("Chromium answers") else {
+                continue;
             };
-            heard.lock().expect("no panic before").push(complaint);
-        }))
-        .expect("a listener");
-        tab.enable_log().expect("the log");
-        tab.enable_runtime().expect("the console");
-        Self { tab, complaints }
+            let said: Value = serde_json::from_str(&text).expect("JSON");
+            match said["method"].as_str() {
+                Some("Log.entryAdded" | "Runtime.exceptionThrown" | "Runtime.consoleAPICalled") => {
+                    self.complaints
+                        .borrow_mut()
+                        .push(said["params"].to_string());
+                }
+                Some("Page.loadEventFired") => self.loads.set(self.loads.get() + 1),
+                _ => {}
+            }
+            return said;
+        }
+    }
+
+    /// What it complained about so far.
+    pub fn complaints(&self) -> Vec<String> {
+        // What was said before comes before the answer.
+        self.value("0");
+        self.complaints.borrow().clone()
+    }
+
+    /// Sends a command that loads the page, and waits until it is loaded.
+    fn loads(&self, method: &str, parameters: &Value) {
+        let before = self.loads.get();
+        self.asks(method, parameters);
+        let mut socket = self.socket.borrow_mut();
+        while self.loads.get() == before {
+            self.hears(&mut socket);
+        }
     }
 
     /// Loads a file at a width.
     pub fn load(&self, path: &Path, width: u32) {
-        let metrics: SetDeviceMetricsOverride = serde_json::from_value(json!({
-            "width": width, "height": 900, "deviceScaleFactor": 1.0, "mobile": width < 600,
-        }))
-        .expect("metrics");
-        self.tab.call_method(metrics).expect("a width");
+        self.asks(
+            "Emulation.setDeviceMetricsOverride",
+            &json!({
+                "width": width, "height": 900, "deviceScaleFactor": 1.0, "mobile": width < 600,
+            }),
+        );
         let url = format!("file://{}", path.display());
-        self.tab.navigate_to(&url).expect("a page");
-        self.tab.wait_until_navigated().expect("a loaded page");
+        self.loads("Page.navigate", &json!({ "url": url }));
+    }
+
+    /// Loads it again.
+    pub fn reload(&self) {
+        self.loads("Page.reload", &json!({}));
+    }
+
+    /// Shows it in a colour scheme.
+    pub fn prefers(&self, scheme: &str) {
+        let features = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
+        self.asks(
+            "Emulation.setEmulatedMedia",
+            &json!({ "features": features }),
+        );
     }
 
     /// What a script is worth.
     pub fn value(&self, script: &str) -> Value {
-        let found = self.tab.evaluate(script, true).expect(script);
-        found.value.unwrap_or(Value::Null)
+        let found = self.asks(
+            "Runtime.evaluate",
+            &json!({ "expression": script, "returnByValue": true, "awaitPromise": true }),
+        );
+        assert!(found["exceptionDetails"].is_null(), "{script}: {found}");
+        found["result"]["value"].clone()
     }
 
     /// The number that a script is worth.
@@ -97,22 +245,73 @@ impl Page {
         self.value(script).as_str().expect(script).to_owned()
     }
 
+    /// Gives files to the field that a selector finds.
+    pub fn gives(&self, selector: &str, files: &[&str]) {
+        let document = self.asks("DOM.getDocument", &json!({}));
+        let field = self.asks(
+            "DOM.querySelector",
+            &json!({ "nodeId": document["root"]["nodeId"], "selector": selector }),
+        );
+        self.asks(
+            "DOM.setFileInputFiles",
+            &json!({ "nodeId": field["nodeId"], "files": files }),
+        );
+    }
+
+    /// Moves the mouse.
+    pub fn points_at(&self, x: f64, y: f64) {
+        self.asks(
+            "Input.dispatchMouseEvent",
+            &json!({ "type": "mouseMoved", "x": x, "y": y }),
+        );
+    }
+
+    /// Presses the tabulator key.
+    pub fn tabs(&self) {
+        for kind in ["rawKeyDown", "keyUp"] {
+            self.asks(
+                "Input.dispatchKeyEvent",
+                &json!({ "type": kind, "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9 }),
+            );
+        }
+    }
+
+    /// Saves downloads in a folder.
+    pub fn saves_into(&self, folder: &Path) {
+        self.asks(
+            "Browser.setDownloadBehavior",
+            &json!({ "behavior": "allow", "downloadPath": folder }),
+        );
+    }
+
     /// The whole page as a picture.
     pub fn shoot(&self, path: &Path) {
-        let shot: CaptureScreenshot = serde_json::from_value(json!({
-            "format": "png", "captureBeyondViewport": true,
-            "clip": {
-                "x": 0.0, "y": 0.0, "scale": 1.0,
-                "width": self.number("document.documentElement.clientWidth"),
-                // Longer than any picture that can be looked at.
-                "height": self.number("document.documentElement.scrollHeight").min(12_000.0),
-            },
-        }))
-        .expect("a clip");
-        let taken = self.tab.call_method(shot).expect("a screenshot");
-        let bytes = base64(&taken.data);
+        let taken = self.asks(
+            "Page.captureScreenshot",
+            &json!({
+                "format": "png", "captureBeyondViewport": true,
+                "clip": {
+                    "x": 0.0, "y": 0.0, "scale": 1.0,
+                    "width": self.number("document.documentElement.clientWidth"),
+                    // Longer than any picture that can be looked at.
+                    "height": self.number("document.documentElement.scrollHeight").min(12_000.0),
+                },
+            }),
+        );
+        let bytes = base64(taken["data"].as_str().expect("a picture"));
         assert!(bytes.starts_with(b"\x89PNG"));
         fs::write(path, bytes).expect("a folder for screenshots");
+    }
+
+    /// The page as it is printed: PDF.
+    pub fn print(&self) -> Vec<u8> {
+        let printed = self.asks("Page.printToPDF", &json!({}));
+        base64(printed["data"].as_str().expect("a print"))
+    }
+
+    /// Closes it.
+    pub fn close(self) {
+        self.asks("Target.closeTarget", &json!({ "targetId": self.target }));
     }
 }
 

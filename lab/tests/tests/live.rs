@@ -1,14 +1,8 @@
 //! `softrig monitor --foxglove` and `--mcap`, with the firmware behind the cable.
-#![cfg(unix)]
-
-#[path = "../../../host-tools/tests/serial/bench.rs"]
-#[allow(dead_code)] // The tests of the command use more of it.
-mod bench;
-
 use std::time::Duration;
 
-use bench::Bench;
-use bench::board::Script;
+use super::bench::Bench;
+use super::bench::board::Script;
 
 /// A client of `softrig monitor --foxglove`: what Foxglove and Lichtblick do.
 struct Client(tungstenite::WebSocket<std::net::TcpStream>);

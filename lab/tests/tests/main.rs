@@ -1,9 +1,12 @@
 //! The command with all it has, reports, and both in a browser, in one program.
 
+#![cfg(unix)]
+
+#[path = "../../../host-tools/tests/serial/bench.rs"]
+#[allow(dead_code)] // The tests of the command use more of it.
+mod bench;
 mod command;
 mod live;
-#[cfg(feature = "browser")]
 mod page_in_browser;
 mod report;
-#[cfg(feature = "browser")]
 mod report_in_browser;

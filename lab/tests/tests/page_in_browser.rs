@@ -12,18 +12,13 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use headless_chrome::Browser;
-use headless_chrome::protocol::cdp::Browser::{
-    SetDownloadBehavior, SetDownloadBehaviorBehaviorOption,
-};
-use headless_chrome::protocol::cdp::Emulation::SetEmulatedMedia;
 use model_core::catalogue::Kind;
-use serde_json::{Value, json};
+use serde_json::Value;
 use softrig::synth::example::{Example, Hidden, NOISE_DEG, make};
 use softrig_cli::cli::diagnose;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
-use softrig_lab_tests::browser::{Page, browser};
+use softrig_lab_tests::browser::{Browser, Page, browser};
 use softrig_tests::shared;
 
 const PAGE: &str = "SOFTRIG_PAGE";
@@ -63,8 +58,7 @@ impl Person {
     }
 
     fn reloads(&self) {
-        self.0.tab.reload(false, None).expect("a page");
-        self.0.tab.wait_until_navigated().expect("a loaded page");
+        self.0.reload();
         self.waits();
     }
 
@@ -94,8 +88,7 @@ impl Person {
             .iter()
             .map(|path| path.to_str().expect("a plain name"))
             .collect();
-        let input = self.0.tab.find_element("#files").expect("a field");
-        input.set_input_files(&names).expect("files");
+        self.0.gives("#files", &names);
         for path in files {
             let name = path.file_name().expect("a name").to_string_lossy();
             self.waits_until(&format!(
@@ -142,15 +135,7 @@ impl Person {
 
     /// What a link saves.
     fn saves(&self, id: &str, name: &str, into: &Path) -> String {
-        self.0
-            .tab
-            .call_method(SetDownloadBehavior {
-                behavior: SetDownloadBehaviorBehaviorOption::Allow,
-                browser_context_id: None,
-                download_path: Some(into.display().to_string()),
-                events_enabled: None,
-            })
-            .expect("a folder for downloads");
+        self.0.saves_into(into);
         self.presses(id);
         let path = into.join(name);
         let began = Instant::now();
@@ -166,7 +151,7 @@ impl Person {
     }
 
     fn has_no_complaints(&self) {
-        let complaints = self.0.complaints.lock().expect("no panic before");
+        let complaints = self.0.complaints();
         assert!(complaints.is_empty(), "{complaints:?}");
     }
 
@@ -407,11 +392,7 @@ fn all_of_it_is_kept(person: &Person, page: &Path, folder: &Path) {
         "psi"
     );
     for scheme in ["light", "dark"] {
-        let media: SetEmulatedMedia = serde_json::from_value(json!({
-            "features": [{ "name": "prefers-color-scheme", "value": scheme }],
-        }))
-        .expect("a scheme");
-        person.0.tab.call_method(media).expect("a scheme");
+        person.0.prefers(scheme);
         for width in WIDTHS {
             person.0.load(page, width);
             person.waits();
@@ -423,7 +404,7 @@ fn all_of_it_is_kept(person: &Person, page: &Path, folder: &Path) {
                 .shoot(&folder.join(format!("verdict_{scheme}_{width}.png")));
         }
     }
-    let printed = person.0.tab.print_to_pdf(None).expect("a print");
+    let printed = person.0.print();
     assert!(printed.starts_with(b"%PDF"));
     fs::write(folder.join("verdict.pdf"), printed).expect("a file");
 }
@@ -443,7 +424,7 @@ fn everything_has_a_name_and_a_place(person: &Person) {
         .value("document.activeElement.blur(); window.scrollTo(0, 0)");
     let mut reached = Vec::new();
     for _ in 0..6 {
-        person.0.tab.press_key("Tab").expect("a key");
+        person.0.tabs();
         reached.push(
             person
                 .0
@@ -560,7 +541,7 @@ fn every_folder_has_the_answer_of_the_command(folders: &str) {
             &recordings,
             &holdout,
         ));
-        person.0.tab.close(false).expect("a closed tab");
+        person.0.close();
     }
     assert_eq!(all, Vec::<String>::new());
 }
@@ -612,6 +593,6 @@ fn an_example_of_one_click_has_the_answer_of_the_command() {
             .collect();
         let differences = answers_as_the_command(&person, began, &folder, &recordings, &[]);
         assert_eq!(differences, Vec::<String>::new());
-        person.0.tab.close(false).expect("a closed tab");
+        person.0.close();
     }
 }

@@ -8,10 +8,10 @@ use std::sync::LazyLock;
 
 use scraper::{ElementRef, Html, Selector};
 use softrig::diagnose::verdict::Answer;
+use softrig_lab_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
 use softrig_report::Outputs;
 use softrig_report::content::Notice;
 use softrig_report::terminal::summary;
-use softrig_lab_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
 
 static REPORTS: LazyLock<Vec<Report>> = LazyLock::new(|| {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("reports");

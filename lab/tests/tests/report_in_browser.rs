@@ -8,13 +8,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use headless_chrome::Browser;
-use headless_chrome::browser::tab::point::Point;
 use serde_json::{Value, json};
 use softrig::diagnose::verdict::Answer;
-use softrig_lab_tests::browser::{Page, browser};
-use softrig_report::pictures::{NOMINAL, REFITTED};
+use softrig_lab_tests::browser::{Browser, Page, browser};
 use softrig_lab_tests::reports::{Report, of_every_kind};
+use softrig_report::pictures::{NOMINAL, REFITTED};
 
 /// Widths of a desk and of a phone.
 const WIDTHS: [u32; 2] = [1280, 390];
@@ -30,12 +28,8 @@ fn hover(page: &Page, picture: &str) {
     );
     let place = page.text(&place);
     let (x, y) = place.split_once(' ').expect("two numbers");
-    let number = |text: &str| text.parse().expect("a number");
-    let point = Point {
-        x: number(x),
-        y: number(y),
-    };
-    page.tab.move_mouse_to_point(point).expect("a mouse");
+    let number = |text: &str| -> f64 { text.parse().expect("a number") };
+    page.points_at(number(x), number(y));
 }
 
 fn folder() -> PathBuf {
@@ -72,7 +66,7 @@ fn look_at(browser: &Browser, report: &Report, folder: &Path) {
         dragging_looks_closer(&page);
         switches_hide_what_they_name(&page, report);
     }
-    let printed = page.tab.print_to_pdf(None).expect("a print");
+    let printed = page.print();
     let pages = printed
         .windows(b"/Type /Page\n".len())
         .filter(|part| *part == b"/Type /Page\n")
@@ -82,10 +76,9 @@ fn look_at(browser: &Browser, report: &Report, folder: &Path) {
         "{name}: {pages} pages"
     );
     fs::write(folder.join(format!("{name}.pdf")), printed).expect("a print");
-    let complaints = page.complaints.lock().expect("no panic before");
+    let complaints = page.complaints();
     assert!(complaints.is_empty(), "{name}: {complaints:?}");
-    drop(complaints);
-    page.tab.close(false).expect("a closed tab");
+    page.close();
 }
 
 fn hovering_reads_values(page: &Page, report: &Report) {
@@ -105,9 +98,7 @@ fn hovering_reads_values(page: &Page, report: &Report) {
         let cell = page.number("document.querySelectorAll('.map .cell').length");
         assert!(cell > 10.0);
     }
-    page.tab
-        .move_mouse_to_point(Point { x: 1.0, y: 1.0 })
-        .expect("a mouse");
+    page.points_at(1.0, 1.0);
     assert_eq!(page.value("readout.hidden"), Value::Bool(true));
 }
 

@@ -81,3 +81,8 @@ mod tests {
         assert_eq!((product(0, 7), share(0x8000, 0x8000)), (0, 0x4000));
     }
 }
+
+/// The example of the README is one that works.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

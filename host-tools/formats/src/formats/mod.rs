@@ -362,6 +362,11 @@ impl Values {
             Self::Texts(values) => values.len(),
         }
     }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 impl Sheet {

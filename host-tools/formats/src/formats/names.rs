@@ -64,6 +64,10 @@ const NOT_MEASURED: [&str; 12] = [
 ];
 
 /// The places of time, pressure and angle in a header. `what` a column is called there.
+///
+/// # Errors
+///
+/// Names the column that is not there, and those that are.
 pub fn find(header: &[String], layout: &Layout, what: &str) -> Result<[usize; 3], InputError> {
     let mut places = [0; 3];
     for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {

@@ -1,8 +1,8 @@
 //! The `softrig` command with what it has in the lab: files of other programs, models in other
 //! languages, and the pages that describe all of it.
 
-#[path = "../../../../host-tools/tests/common/mod.rs"]
-mod common;
 mod documents;
 mod export;
 mod formats;
+
+use super::bench::common;
