@@ -15,6 +15,11 @@ use softrig_formats::error::write_atomically;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{Recording, read_all};
 
+/// Whether the longer form of a test is asked for, as `cargo xtask test --all` does.
+pub fn all_tests() -> bool {
+    std::env::var_os("SOFTRIG_ALL_TESTS").is_some()
+}
+
 /// The folder of data that are not part of the project: beside it, or where
 /// `SOFTRIG_SHARED` says.
 pub fn shared_folder() -> PathBuf {

@@ -6,6 +6,10 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+// Tests share a file with the firmware's, which calls it so.
+#[cfg(test)]
+extern crate self as wire;
+
 pub mod answer;
 pub mod assemble;
 pub mod checksum;
@@ -28,9 +32,8 @@ pub mod state;
 pub mod step_report;
 pub mod stretch;
 pub mod telemetry;
-#[cfg(any(test, feature = "testing"))]
-#[doc(hidden)]
-pub mod testing;
+#[cfg(test)]
+mod testing;
 #[cfg(any(test, feature = "std"))]
 pub mod text;
 

@@ -1,5 +1,5 @@
-//! Shared by tests of this crate and of the firmware: every command, and the parts of random
-//! protocols. No image and no tool is built with it.
+//! Shared by tests of this crate and, as a file, of the firmware: every command, and the parts of
+//! random protocols. A feature for it would compile the crate once more for everything else.
 
 extern crate std;
 
@@ -9,7 +9,7 @@ use core::ops::{Range, RangeInclusive};
 
 use proptest::prelude::*;
 
-use crate::{
+use wire::{
     command::Command,
     decimal::Hundredths,
     protocol::{ControlMode, MAX_REPEATS, Named, Segment},

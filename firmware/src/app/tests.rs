@@ -14,11 +14,14 @@ use wire::{
     line,
     protocol::{ControlMode, Named, Segment},
     reply::{Refusal, Reply},
-    testing::{every_command, segments},
     text::{Text, sealed},
 };
 
 use super::*;
+use testing::{every_command, segments};
+
+#[path = "../../../wire/src/testing.rs"]
+mod testing;
 use crate::{control::limit, design::PERIOD_S, plant::Plant};
 use wire::stretch::NoProbe;
 

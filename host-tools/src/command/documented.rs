@@ -43,9 +43,9 @@ fn documented_command_lines_are_accepted() {
 
 #[test]
 fn command_lines_are_found_as_a_shell_reads_them() {
-    let text = "Not here: rig none\n```\nrig fit --model \"a b.toml\" \\\n    x.csv   # remark\n\
+    let text = "Not here: softrig none\n```\nsoftrig fit --model \"a b.toml\" \\\n    x.csv   # remark\n\
                 not shown\n$ softrig schema > file\nrigid\n$ cc\nno\ncargo rig ports && softrig example -o 'd#1'\n\
-                softrig fit --share $SLURM_ARRAY_TASK_ID/2\n```\nrig none\n```text\nrig?\n```\n";
+                softrig fit --share $SLURM_ARRAY_TASK_ID/2\n```\nsoftrig none\n```text\nsoftrig?\n```\n";
     let blocks = blocks(text);
     assert_eq!(blocks[1].info, "text");
     let lines = command_lines(blocks[0].text, "softrig");
@@ -56,11 +56,11 @@ fn command_lines_are_found_as_a_shell_reads_them() {
     assert_eq!(
         read,
         [
-            "rig|fit|--model|a b.toml|x.csv",
-            "rig|schema",
-            "rig|ports",
-            "rig|example|-o|d#1",
-            "rig|fit|--share|0/2"
+            "softrig|fit|--model|a b.toml|x.csv",
+            "softrig|schema",
+            "softrig|ports",
+            "softrig|example|-o|d#1",
+            "softrig|fit|--share|0/2"
         ]
     );
     let shown: Vec<&str> = lines.iter().map(|line| line.shown.as_str()).collect();

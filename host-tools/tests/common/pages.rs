@@ -11,7 +11,11 @@ pub const VARIABLES: [(&str, &str); 2] = [
 
 /// `README.md`, `CONTRIBUTING.md` and all Markdown files in `docs/`, in the order of their names.
 pub fn pages() -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = here
+        .ancestors()
+        .find(|folder| folder.join("Cargo.lock").is_file())
+        .expect("the folder of the workspace");
     let mut found = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
     let mut folders = vec![root.join("docs")];
     while let Some(folder) = folders.pop() {
@@ -35,7 +39,7 @@ pub struct Block<'a> {
     pub text: &'a str,
 }
 
-/// The code blocks of a page.
+/// The code blocks of a page, but for those in C, where a line may begin with a type's name.
 pub fn blocks(page: &str) -> Vec<Block<'_>> {
     page.split("```")
         .skip(1)
@@ -47,6 +51,7 @@ pub fn blocks(page: &str) -> Vec<Block<'_>> {
                 text,
             }
         })
+        .filter(|block| block.info != "c")
         .collect()
 }
 
@@ -59,6 +64,9 @@ pub struct Line {
     pub shown: String,
 }
 
+/// The alias of a checkout for the command `softrig`.
+const ALIAS: (&str, &str) = ("cargo rig", "softrig");
+
 /// The command lines of a program in a code block, also those with `cargo` before its name.
 pub fn command_lines(text: &str, program: &str) -> Vec<Line> {
     let mut found: Vec<Line> = Vec::new();
@@ -70,12 +78,15 @@ pub fn command_lines(text: &str, program: &str) -> Vec<Line> {
         };
         let ours = typed.split("&&").filter_map(|command| {
             let command = command.trim();
-            let command = command.strip_prefix("cargo ").unwrap_or(command);
+            let command = match command.strip_prefix(ALIAS.0) {
+                Some(rest) => format!("{}{rest}", ALIAS.1),
+                None => command.strip_prefix("cargo ").unwrap_or(command).to_owned(),
+            };
             (command.split(' ').next() == Some(program)).then_some(command)
         });
         let before = found.len();
         found.extend(ours.map(|command| Line {
-            command: command.to_owned(),
+            command,
             shown: String::new(),
         }));
         if found.len() > before || prompt {

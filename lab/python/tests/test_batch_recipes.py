@@ -13,7 +13,7 @@ import softrig
 
 from conftest import Rig
 
-RECIPES = Path(__file__).parents[2] / "docs" / "batch"
+RECIPES = Path(__file__).parents[3] / "docs" / "batch"
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from sybil.parsers.markdown import CodeBlockParser, SkipParser
 
 import softrig
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 #: In the namespace of a page: where its last block ends, and what that printed.
 PRINTED = "__printed__"
 
@@ -106,7 +106,7 @@ def blocks(page: Path) -> Document:
 
 def pages() -> list[Path]:
     """Every page with Python on it."""
-    every = [ROOT / "README.md", ROOT / "python" / "README.md", *(ROOT / "docs").rglob("*.md")]
+    every = [ROOT / "README.md", ROOT / "lab" / "python" / "README.md", *(ROOT / "docs").rglob("*.md")]
     return [page for page in sorted(every) if "```python\n" in page.read_text()]
 
 

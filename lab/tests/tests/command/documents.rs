@@ -384,7 +384,7 @@ fn plan() -> Vec<(String, Vec<(Shown, Fate)>)> {
         .iter()
         .all(|name| std::env::var_os(name).is_some());
     let mut seen = BTreeSet::new();
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let root = softrig_tests::process::root();
     let mut plan = Vec::new();
     for path in pages::pages() {
         let text = std::fs::read_to_string(&path).unwrap();
@@ -454,7 +454,7 @@ fn follow(with_a_board: bool) {
             has_own_rig: false,
         };
         stock(&reader.bench);
-        let path: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(&page);
+        let path: PathBuf = softrig_tests::process::root().join(&page);
         for (name, text) in named_files(&std::fs::read_to_string(path).unwrap()) {
             reader.bench.put(&name, text);
         }
@@ -509,7 +509,7 @@ fn every_line_is_run_or_has_a_reason() {
         all.len()
     );
     println!("{said}");
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../CONTRIBUTING.md");
+    let page = softrig_tests::process::root().join("CONTRIBUTING.md");
     let page = std::fs::read_to_string(page).unwrap();
     let page = page.split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(page.contains(&said), "CONTRIBUTING.md does not say: {said}");
