@@ -91,7 +91,8 @@ fn cases(folder: &Path) -> Vec<Case> {
     made.write(&folder.join("swing")).unwrap();
     if !all_tests() {
         // One of each kind: an example, a noisy one, one of another simulator, a swinging one.
-        names.retain(|name| ["example_2", "example_7", "paper_0", "swing"].contains(&name.as_str()));
+        names
+            .retain(|name| ["example_2", "example_7", "paper_0", "swing"].contains(&name.as_str()));
     }
     let read = |name: &String| Case::read(&folder.join(name), None).unwrap();
     names.iter().map(read).collect()

@@ -43,3 +43,8 @@ pub mod supply;
 mod testing;
 pub mod units;
 pub mod wiring;
+
+// Random protocols, as the tests of the wire have them.
+#[cfg(test)]
+#[path = "../../wire/src/testing.rs"]
+mod wire_testing;

@@ -299,9 +299,10 @@ impl Runner {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::wire_testing::segments;
     use proptest::prelude::*;
     use std::vec::Vec;
-    use wire::{protocol::MAX_DURATION_MS, testing::segments};
+    use wire::protocol::MAX_DURATION_MS;
 
     proptest! {
         #[test]

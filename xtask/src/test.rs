@@ -345,7 +345,7 @@ fn remarks(took: &[(&'static str, f64)]) -> Vec<String> {
 fn tests(choice: &Choice) -> Outcome {
     let mut tests = choice.packages("test");
     // Examples in the text are not programs, and cannot be timed.
-    tests.arg("--tests");
+    tests.args(["--tests", "--no-fail-fast"]);
     let has = |set| choice.is_whole() || choice.sets.contains(&set);
     if has(Board) || has(Lab) {
         second_processor();

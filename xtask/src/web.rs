@@ -124,7 +124,7 @@ fn module() -> Outcome<PathBuf> {
         }
         command
     };
-    command.args(["rustc", "--timings", "--locked", "--profile", "web", "--target", TARGET]);
+    command.args(["rustc", "--locked", "--profile", "web", "--target", TARGET]);
     if !has_library() {
         command.arg("-Zbuild-std=std,panic_abort");
         if let Some(linker) = linker() {

@@ -18,10 +18,7 @@ use wire::{
 };
 
 use super::*;
-use testing::{every_command, segments};
-
-#[path = "../../../wire/src/testing.rs"]
-mod testing;
+use crate::wire_testing::{every_command, segments};
 use crate::{control::limit, design::PERIOD_S, plant::Plant};
 use wire::stretch::NoProbe;
 

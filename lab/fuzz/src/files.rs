@@ -56,6 +56,7 @@ fn points_into(error: &InputError, path: &Path, text: &str) {
 /// back with other numbers than four decimals make of them, or when a message points
 /// outside the file.
 pub fn recording(bytes: &[u8]) {
+    softrig_importers::install();
     let path = Path::new("run.csv");
     if bytes.len() > LONGEST {
         return;

@@ -240,6 +240,7 @@ impl Desk {
         bytes: Vec<u8>,
         progress: &Progress,
     ) -> Result<Value, Fault> {
+        softrig_importers::install();
         Ok(match request {
             Request::Choices => choices(),
             Request::Put { name } => {
