@@ -14,7 +14,7 @@ if [ $# -ne 3 ]; then
     exit 2
 fi
 export RAYON_NUM_THREADS=${SLURM_CPUS_PER_TASK:-1}
-"${RIG:-rig}" diagnose --batch "$1" -o "$2" --share "$SLURM_ARRAY_TASK_ID/$3"
+"${SOFTRIG:-softrig}" diagnose --batch "$1" -o "$2" --share "$SLURM_ARRAY_TASK_ID/$3"
 code=$?
 if [ $code -ne 0 ]; then
     echo "job $SLURM_ARRAY_TASK_ID of $3 on $(hostname): exit $code" >&2

@@ -200,14 +200,14 @@ fn a_result_can_go_down_a_pipe_or_behind_a_file() {
     };
     let expected = rows("out.csv");
     assert!(expected.len() > 100);
-    shell(&format!("$RIG {line} /dev/stdout | cat > piped.csv"));
+    shell(&format!("$SOFTRIG {line} /dev/stdout | cat > piped.csv"));
     assert_eq!(rows("piped.csv"), expected);
     shell(&format!(
-        "mkfifo pipe; cat pipe > through.csv & $RIG {line} pipe; wait"
+        "mkfifo pipe; cat pipe > through.csv & $SOFTRIG {line} pipe; wait"
     ));
     assert_eq!(rows("through.csv"), expected);
     bench.put("all.csv", "kept\n");
-    shell(&format!("$RIG {line} /dev/stdout >> all.csv"));
+    shell(&format!("$SOFTRIG {line} /dev/stdout >> all.csv"));
     assert!(bench.text("all.csv").starts_with("kept\n"));
     assert_eq!(rows("all.csv"), expected);
 }

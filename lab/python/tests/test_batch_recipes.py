@@ -35,7 +35,7 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(batch: Path, rig: Rig, out: str, *words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(RECIPES / "many.py"), "cases.csv", out, *words]
-    env = {**os.environ, "RIG": rig.program}
+    env = {**os.environ, "SOFTRIG": rig.program}
     return subprocess.run(command, cwd=batch, env=env, capture_output=True, text=True)
 
 
@@ -73,7 +73,7 @@ def test_an_array_of_slurm_covers_all_cases(batch: Path, rig: Rig) -> None:
     for task in range(2):
         env = {
             **os.environ,
-            "RIG": rig.program,
+            "SOFTRIG": rig.program,
             "SLURM_ARRAY_TASK_ID": str(task),
             "SLURM_CPUS_PER_TASK": "1",
         }
