@@ -22,7 +22,7 @@ use softrig::estimate::identify::{EXPONENTS, Order, identify};
 use softrig::first_model::from_recordings;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
-use softrig_tests::shared;
+use softrig_tests::{all_tests, shared};
 
 /// How much more than the reference a fit may leave.
 const AS_GOOD: f64 = 1.02;
@@ -100,6 +100,8 @@ fn rmse_deg(model: &Model<f64>, free: &[ParameterId], data: &Dataset) -> f64 {
 fn no_line_is_better_and_no_first_model_decides() {
     /// Samples up to which a rig is fitted from three models.
     const QUICK: usize = 2_500;
+    // The long recordings take half of the time.
+    let longest = if all_tests() { usize::MAX } else { 2 * QUICK };
     let mut said = Vec::new();
     for (name, rig) in reference().rigs {
         let Some(folder) = shared(&format!("data/{name}")) else {
@@ -107,6 +109,9 @@ fn no_line_is_better_and_no_first_model_decides() {
         };
         let file = ModelFile::read(&folder.join("model.toml")).unwrap();
         let data = assemble(&recordings(&folder), &[]).unwrap().data;
+        if data.samples() > longest {
+            continue;
+        }
         let lines = [rig.rmse_deg.second_order, rig.rmse_deg.first_order];
         let line = lines.into_iter().flatten().fold(f64::INFINITY, f64::min);
         let most = BEYOND_THE_BASE_MODEL
