@@ -5,6 +5,8 @@
 //! this crate exists. It is a crate of its own for its libraries: they take longer to build than
 //! the rest of softrig.
 #![forbid(unsafe_code)]
+// A room's first page names its modules, also those that no other crate sees.
+#![allow(rustdoc::private_intra_doc_links)]
 // What only the formats need that the page is built without.
 #![cfg_attr(
     not(feature = "native"),
