@@ -165,7 +165,8 @@ impl Program {
         let mut build = release_build();
         build.args(["-q", "-p", "softrig-bench", "--bin", self.name]);
         if self.asks && !options.iter().any(|option| option.starts_with("--softrig")) {
-            build.args(["-p", "softrig-cli", "--features", "softrig-cli/lab"]);
+            build.args(["-p", "softrig-cli", "--bin", "softrig"]);
+            build.args(["--features", "softrig-cli/lab"]);
         }
         let plays = ["decide", "loop"].contains(&name);
         if plays {

@@ -50,7 +50,7 @@ pub fn demo(options: &[&str]) -> Outcome {
         "build the softrig command, the simulator and the firmware",
         || {
             run(release_build()
-                .args(["-p", "softrig-cli"])
+                .args(["-p", "softrig-cli", "--bin", "softrig"])
                 .args(["-p", "virtual-rig", "--bin", "virtual-rig"])
                 .args(["-p", "softrig-tests", "--bin", "demo"]))?;
             let image = avr::build()?;
