@@ -107,26 +107,26 @@ use Set::{Bench, Board, Core, Lab, Lint};
 
 /// The steps in their order.
 static STEPS: [Step; 14] = [
-    step("set-up", &[Board, Lab, Bench], When::Always, 15.0, |_| {
+    step("set-up", &[Board, Lab, Bench], When::Always, 70.0, |_| {
         setup::setup(Purpose::Tests, Mode::Install)
     }),
     step("format", &[Lint, Core], When::Always, 5.0, |_| {
         run(cargo().args(["fmt", "--all", "--", "--check"]))
     }),
     step("licences", &[Lint], When::Always, 5.0, |_| deny::check()),
-    step("firmware", &[Board], When::Always, 65.0, |_| {
+    step("firmware", &[Board], When::Always, 45.0, |_| {
         avr::gates(&avr::build()?)
     }),
-    step("page", &[Lab], When::Changed(OF_THE_PAGE), 450.0, |_| {
+    step("page", &[Lab], When::Changed(OF_THE_PAGE), 630.0, |_| {
         web::web().map(drop)
     }),
-    step("clippy", &[Lint, Core], When::Always, 300.0, |choice| {
+    step("clippy", &[Lint, Core], When::Always, 200.0, |choice| {
         run(choice
             .packages("clippy")
             .arg("--all-targets")
             .args(["--", "-D", "warnings"]))
     }),
-    step("tests", &[Core, Board, Lab], When::Always, 1500.0, tests),
+    step("tests", &[Core, Board, Lab], When::Always, 2900.0, tests),
     step(
         "examples in the text",
         &[Core],
@@ -134,14 +134,14 @@ static STEPS: [Step; 14] = [
         30.0,
         |choice| run(choice.packages("test").args(["--doc", "--", "-q"])),
     ),
-    step("size", &[Board], When::Always, 20.0, |_| {
+    step("size", &[Board], When::Always, 10.0, |_| {
         size::size(&avr::build()?, Golden::Check, &virtual_rig())
     }),
     step(
         "documentation",
         &[Lint, Core],
         When::Always,
-        90.0,
+        60.0,
         |choice| {
             run(choice
                 .packages("doc")
@@ -153,14 +153,14 @@ static STEPS: [Step; 14] = [
     step("book", &[Lint], When::Always, 5.0, |_| {
         book::book().map(drop)
     }),
-    step("blind gate", &[Bench], When::Always, 200.0, |_| {
+    step("blind gate", &[Bench], When::Always, 330.0, |_| {
         bench::gate()
     }),
     step(
         "Python package",
         &[Lab],
         When::Changed(OF_PYTHON),
-        250.0,
+        370.0,
         |_| python::test(python::Ray::Skipped),
     ),
     step("benchmark gates", &[Bench], When::All, 3000.0, |_| {
@@ -490,9 +490,9 @@ mod tests {
 
     #[test]
     fn a_step_that_costs_more_than_its_entry_is_remarked() {
-        assert!(remarks(&[("firmware", 66.0), ("book", 29.0)]).is_empty());
+        assert!(remarks(&[("firmware", 46.0), ("book", 29.0)]).is_empty());
         let [remark] = remarks(&[("firmware", 130.0)]).try_into().unwrap();
-        assert!(remark.contains("firmware took 130 s") && remark.contains("2.0 times"));
+        assert!(remark.contains("firmware took 130 s") && remark.contains("2.9 times"));
     }
 
     /// CONTRIBUTING.md has the table of the steps.

@@ -62,6 +62,9 @@ TORT OR OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE
 SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
 ";
 
+/// The package of the program.
+const PROGRAM: &str = "softrig-cli";
+
 /// A package that is linked.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Package {
@@ -125,7 +128,7 @@ fn of(what: &str, package: &str, target: &str) -> Outcome<String> {
 /// Writes the licences into a folder.
 pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
     make(folder)?;
-    let page = of("The program softrig", "softrig-cli", target)?;
+    let page = of("The program softrig", PROGRAM, target)?;
     write_text(&folder.join("softrig.txt"), &page)?;
     write_text(&folder.join("musl.txt"), MUSL)?;
     // Rust's own library and what is in it.
@@ -168,7 +171,8 @@ fn is_allowed(expression: &str) -> bool {
 
 /// The packages of others that are linked into one of ours.
 fn packages(of: &str, target: &str) -> Outcome<Vec<Package>> {
-    let tree = read(cargo().args([
+    let mut tree = cargo();
+    tree.args([
         "tree",
         "--locked",
         "-p",
@@ -181,7 +185,12 @@ fn packages(of: &str, target: &str) -> Outcome<Vec<Package>> {
         "none",
         "-f",
         "{p}\t{l}\t{r}",
-    ]))?;
+    ]);
+    if of == PROGRAM {
+        // As the archive's is built.
+        tree.args(["--features", "lab"]);
+    }
+    let tree = read(&mut tree)?;
     let sources = sources()?;
     let packages: BTreeSet<Package> = tree
         .lines()
