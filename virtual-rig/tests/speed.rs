@@ -6,7 +6,7 @@ use std::time::Instant;
 use virtual_rig::{Image, Options, VirtualRig};
 
 #[test]
-#[ignore = "a measurement; run it alone: cargo test -p virtual-rig --test speed -- --ignored --nocapture"]
+#[ignore = "a measurement; run it alone: cargo test -p virtual-rig --test rig speed -- --ignored --nocapture"]
 fn a_busy_board_and_its_plant_run_faster_than_real_time() {
     let Some(elf) = super::common::compile("busy.c") else {
         return;

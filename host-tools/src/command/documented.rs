@@ -1,6 +1,6 @@
 //! Every command line of `softrig` in the documents is one that it accepts.
 //!
-//! Those that can run without a bench are run by `tests/cli/documents.rs`.
+//! Those that can run without a bench are run by `lab/tests/tests/command/documents.rs`.
 
 use std::fs;
 
