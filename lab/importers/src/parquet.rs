@@ -74,10 +74,9 @@ fn sheet(
     if let Some(unread) = columns
         .flat_map(RowGroupMetaData::columns)
         .map(ColumnChunkMetaData::compression)
-        .find(|codec| match codec {
-            Compression::LZO => true,
-            Compression::ZSTD(_) => cfg!(not(feature = "native")),
-            _ => false,
+        .find(|codec| {
+            matches!(codec, Compression::LZO)
+                || (cfg!(not(feature = "native")) && matches!(codec, Compression::ZSTD(_)))
         })
     {
         return Err(InputError::new(
