@@ -17,6 +17,7 @@ pub mod error;
 pub mod family;
 pub mod formats;
 pub mod formula;
+pub mod left_out;
 pub mod material_name;
 pub mod model_file;
 pub mod model_schema;

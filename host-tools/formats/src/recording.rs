@@ -16,6 +16,7 @@ use crate::bounded::{Limits, read_text};
 use crate::columns::{Columns, Layout};
 use crate::error::InputError;
 use crate::formats::{self, Samples};
+use crate::left_out::{LeftOut, Lines};
 use crate::setup::Setup;
 
 /// Pascals in a kilopascal.
@@ -46,6 +47,24 @@ pub struct Recording {
     pub columns: Columns,
     /// Its metadata.
     pub meta: Meta,
+    /// Samples, in order, at which the clock begins again: a board that was reset, the next run in
+    /// the same file. What happened in between is unknown; `time` goes on after
+    /// [a pause](pause_s).
+    pub breaks: Vec<usize>,
+    /// The times as they stand in the file (s), where `time` was reconstructed from them.
+    pub stamps: Option<Vec<f64>>,
+    /// Where the samples stand in the file.
+    pub lines: Lines,
+    /// What was left out of the file or changed, and is in no warning.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// The pause (s) on the time axis where the clock begins again, for a usual interval (s): longer
+/// than any gap across which a motion is followed.
+pub fn pause_s(interval: f64) -> f64 {
+    const LEAST_S: f64 = 10.0;
+    const INTERVALS: f64 = 100.0;
+    LEAST_S.max(INTERVALS * interval)
 }
 
 /// An optional column, kept as text.
@@ -187,7 +206,8 @@ fn text_or_date<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Stri
 impl Recording {
     /// Reads and checks a recording whose columns hold what their header says.
     /// Warnings ask about what may be meant but is unusual: units, gaps, a last
-    /// line without an end.
+    /// line without an end. What was left out is not among them: it stands in
+    /// [`Recording::left_out`], and [`Recording::remarks`] has both.
     ///
     /// # Errors
     ///
@@ -331,6 +351,10 @@ impl Recording {
             extra,
             columns,
             mut warnings,
+            breaks,
+            stamps,
+            lines,
+            left_out,
             ..
         } = samples;
         for pressure in &mut pressure_kpa {
@@ -348,6 +372,10 @@ impl Recording {
             extra,
             columns,
             meta: Meta::default(),
+            breaks,
+            stamps,
+            lines,
+            left_out,
         };
         if let Some(gap) = recording.describe_gaps() {
             warnings.push(format!("{}: {gap}", path.display()));
@@ -373,6 +401,13 @@ impl Recording {
             )),
             _ => None,
         }
+    }
+
+    /// Everything that is to be said about a recording as it was read: what was left out, then
+    /// its warnings.
+    pub fn remarks(&self, warnings: Vec<String>) -> Vec<String> {
+        let left_out = self.left_out.iter().map(ToString::to_string);
+        left_out.chain(warnings).collect()
     }
 
     /// Number of samples.
@@ -418,7 +453,26 @@ impl Recording {
             path: self.path.clone(),
             meta: self.meta.clone(),
             columns: self.columns,
+            breaks: self
+                .breaks
+                .iter()
+                .filter(|&&at| range.start < at && at < range.end)
+                .map(|at| at - range.start)
+                .collect(),
+            stamps: self.stamps.as_deref().map(pick),
+            lines: self.lines.slice(range),
+            left_out: self.left_out.clone(),
         }
+    }
+
+    /// Where a sample stands in the file: `line 123`, or `sample 123` in a format without lines.
+    pub fn place(&self, sample: usize) -> String {
+        self.lines.place(sample)
+    }
+
+    /// Whether the clock begins again at a sample.
+    pub fn is_break(&self, sample: usize) -> bool {
+        self.breaks.binary_search(&sample).is_ok()
     }
 
     /// An optional numeric column; samples without a number are NaN.
@@ -435,10 +489,10 @@ impl Recording {
 
     fn describe_gaps(&self) -> Option<String> {
         let usual = self.interval();
-        let mut gaps = self
-            .time
-            .windows(2)
-            .filter(|pair| pair[1] - pair[0] > GAP_FACTOR * usual);
+        let mut gaps = (1..)
+            .zip(self.time.windows(2))
+            .filter(|(at, pair)| pair[1] - pair[0] > GAP_FACTOR * usual && !self.is_break(*at))
+            .map(|(_, pair)| pair);
         let first = gaps.next()?;
         Some(format!(
             "{} gap(s) in time, the first of {:.3} s after {:.3} s",
@@ -500,8 +554,8 @@ pub fn recordings_among(
     Ok(recordings.cloned().collect())
 }
 
-/// Reads several recordings, all with the same layout, and passes their warnings on; what only
-/// stands [beside](recordings_among) recordings is left out.
+/// Reads several recordings, all with the same layout, and passes on what was left out of them
+/// and their warnings; what only stands [beside](recordings_among) recordings is left out.
 ///
 /// # Errors
 ///
@@ -511,12 +565,34 @@ pub fn read_all(
     layout: &Layout,
     mut warn: impl FnMut(&str),
 ) -> Result<Vec<Recording>, InputError> {
+    read_each(paths, layout, &mut warn, Recording::remarks)
+}
+
+/// Like [`read_all`], for a command that shows [what was left out](Recording::left_out) itself.
+///
+/// # Errors
+///
+/// Like [`read_all`].
+pub fn read_all_to_show(
+    paths: &[PathBuf],
+    layout: &Layout,
+    mut warn: impl FnMut(&str),
+) -> Result<Vec<Recording>, InputError> {
+    read_each(paths, layout, &mut warn, |_, warnings| warnings)
+}
+
+fn read_each(
+    paths: &[PathBuf],
+    layout: &Layout,
+    mut warn: impl FnMut(&str),
+    said: impl Fn(&Recording, Vec<String>) -> Vec<String>,
+) -> Result<Vec<Recording>, InputError> {
     let paths = recordings_among(paths, &mut warn)?;
     let mut recordings = Vec::with_capacity(paths.len());
     for path in &paths {
         let (recording, warnings) = Recording::read_as(path, layout)?;
-        for warning in &warnings {
-            warn(warning);
+        for warning in said(&recording, warnings) {
+            warn(&warning);
         }
         recordings.push(recording);
     }

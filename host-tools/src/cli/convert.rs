@@ -116,9 +116,9 @@ fn writes_metadata(from: &Path, to: &Path, format: Format) -> bool {
 fn convert(from: &Path, to: &Path, format: Format, layout: &Layout) -> anyhow::Result<usize> {
     let samples = softrig_formats::formats::read(from, layout)?;
     // As everywhere else with its metadata, and all that is said about both.
-    let (_, warnings) = Recording::assemble(samples.clone(), from)?;
-    for warning in &warnings {
-        super::warn(warning);
+    let (recording, warnings) = Recording::assemble(samples.clone(), from)?;
+    for warning in recording.remarks(warnings) {
+        super::warn(&warning);
     }
     let beside = meta_beside(from);
     let meta = if beside.exists() {

@@ -181,9 +181,10 @@ fn starting_as(
     args: &Args,
     file: &ModelFile,
 ) -> Result<Defaults, InputError> {
-    let (recording, warnings) = Recording::read_as(path, &args.input.layout())?;
-    for warning in &warnings {
-        super::warn(warning);
+    let layout = args.input.layout().or(&file.recording);
+    let (recording, warnings) = Recording::read_as(path, &layout)?;
+    for warning in recording.remarks(warnings) {
+        super::warn(&warning);
     }
     let data = Dataset::of(std::slice::from_ref(&recording));
     let found = Fitter::new(&file.model, &data)

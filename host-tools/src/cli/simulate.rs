@@ -99,8 +99,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         (Some(path), _) => {
             let (recording, warnings) =
                 Recording::read_as(path, &args.input.layout().or(&file.recording))?;
-            for warning in &warnings {
-                super::warn(warning);
+            for warning in recording.remarks(warnings) {
+                super::warn(&warning);
             }
             for warning in check_comparable([&file], std::slice::from_ref(&recording))? {
                 super::warn(&warning);

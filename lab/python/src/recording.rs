@@ -186,6 +186,7 @@ impl Recording {
 
     fn read(path: &Path, layout: &Layout) -> Result<(Self, Vec<String>), Fault> {
         let (inner, warnings) = recording::Recording::read_as(path, layout)?;
+        let warnings = inner.remarks(warnings);
         let files = Files {
             sources: Source::recording(FITTED, path)?,
             layout: layout.clone(),

@@ -19,6 +19,7 @@ use std::path::Path;
 use crate::bounded::{self, Limits};
 use crate::columns::{Columns, Layout, Quantity, TimeUnit};
 use crate::error::InputError;
+use crate::left_out::{LeftOut, Lines};
 use crate::recording::Column;
 use binary::{Binary, Source};
 
@@ -93,6 +94,14 @@ pub struct Samples {
     pub meta: Option<String>,
     /// Warnings about unusual contents.
     pub warnings: Vec<String>,
+    /// Samples at which the clock begins again.
+    pub breaks: Vec<usize>,
+    /// The times as they stand in the file (s), where they were reconstructed.
+    pub stamps: Option<Vec<f64>>,
+    /// Where the samples stand in the file.
+    pub lines: Lines,
+    /// What was left out or changed.
+    pub left_out: Vec<LeftOut>,
     angle_asked: bool,
     pressure_asked: bool,
 }

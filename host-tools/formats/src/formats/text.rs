@@ -105,6 +105,7 @@ pub fn read(
                 .warnings
                 .push(format!("{path}, line {line}, column {column}: {question}"));
         }
+        samples.lines.push(samples.len() - 1, line);
         for (kept, &column) in samples.extra.iter_mut().zip(&other) {
             kept.fields.push(record.field(column).into_owned());
         }

@@ -317,6 +317,7 @@ fn header(recording: &Recording) -> Recording {
         path: recording.path.clone(),
         meta: recording.meta.clone(),
         columns: recording.columns,
+        left_out: recording.left_out.clone(),
         ..Recording::default()
     }
 }
@@ -392,6 +393,8 @@ fn join(chain: &[(&Recording, bool)]) -> (Recording, Vec<(Span, About)>) {
     };
     if chain.len() == 1 {
         whole.name.clone_from(&first.name);
+        whole.lines.clone_from(&first.lines);
+        whole.stamps.clone_from(&first.stamps);
     }
     // Columns that all pieces have.
     whole.extra = first
@@ -415,6 +418,9 @@ fn join(chain: &[(&Recording, bool)]) -> (Recording, Vec<(Span, About)>) {
             let time = recording.time[k] + shift;
             if whole.time.last().is_some_and(|last| time <= *last) {
                 continue;
+            }
+            if recording.is_break(k) {
+                whole.breaks.push(whole.time.len());
             }
             whole.time.push(time);
             whole.pressure.push(recording.pressure[k]);

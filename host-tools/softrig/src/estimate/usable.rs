@@ -11,6 +11,7 @@
 //! | pressure at the end of its range, longer | cut: a new block begins after it |
 //! | short gap in time | the pressure is interpolated |
 //! | long gap in time | cut: a new block begins after it |
+//! | clock that begins again | cut: a new block begins there |
 //! | clock that jitters | reported; the model is integrated with the recorded times |
 //! | block too short to show a motion | left out |
 //! | nothing left | refused |
@@ -205,7 +206,7 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     // What lies between two cuts.
     let mut blocks = Vec::new();
     let mut begin = first;
-    let gaps = clock.cuts.iter().map(|&k| k..k);
+    let gaps = clock.cuts.iter().chain(&recording.breaks).map(|&k| k..k);
     let mut cuts: Vec<Range<usize>> = gaps.chain(pressure.cut).collect();
     cuts.sort_unstable_by_key(|cut| cut.start);
     let end = recording.len()..recording.len();
@@ -344,9 +345,17 @@ struct Clock {
 impl Clock {
     fn of(recording: &Recording) -> Self {
         let usual = recording.interval();
-        let steps = || recording.time.windows(2).map(|pair| pair[1] - pair[0]);
+        // The pause where the clock begins again has no length.
+        let steps = || {
+            (1..)
+                .zip(recording.time.windows(2))
+                .filter(|(k, _)| !recording.is_break(*k))
+                .map(|(k, pair)| (k, pair[1] - pair[0]))
+        };
         // The median does not see the gaps, of which there are few.
-        let mut deviations: Vec<f64> = steps().map(|step| (step / usual - 1.0).abs()).collect();
+        let mut deviations: Vec<f64> = steps()
+            .map(|(_, step)| (step / usual - 1.0).abs())
+            .collect();
         // Of normal deviations the median is 0.6745 standard deviations.
         let standard_deviation = median(&mut deviations) / 0.6745;
         let even = 1.0 + (MISSING - 1.0).max(MISSING_DEVIATIONS * standard_deviation);
@@ -355,20 +364,19 @@ impl Clock {
         // A limit of exactly three intervals is met up to rounding.
         let is_cut = |step: f64| step > bridged * (1.0 + 1e-6);
         let without_gaps: Vec<f64> = steps()
-            .filter(|&step| !is_gap(step) && !is_cut(step))
-            .map(|step| step / usual - 1.0)
+            .filter(|(_, step)| !is_gap(*step) && !is_cut(*step))
+            .map(|(_, step)| step / usual - 1.0)
             .collect();
         Self {
             cuts: steps()
-                .enumerate()
                 .filter(|(_, step)| is_cut(*step))
-                .map(|(k, _)| k + 1)
+                .map(|(k, _)| k)
                 .collect(),
             missing: steps()
-                .filter(|&step| is_gap(step) && !is_cut(step))
-                .map(|step| (step / usual).round() - 1.0)
+                .filter(|(_, step)| is_gap(*step) && !is_cut(*step))
+                .map(|(_, step)| (step / usual).round() - 1.0)
                 .sum(),
-            longest_s: steps().fold(0.0, f64::max),
+            longest_s: steps().map(|(_, step)| step).fold(0.0, f64::max),
             jitter: rms(&without_gaps),
         }
     }
@@ -845,5 +853,17 @@ mod tests {
             refused.contains("30 gaps") || refused.contains("29 gaps"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn a_block_ends_where_the_clock_begins_again() {
+        let mut recording = recording();
+        for time in &mut recording.time[1_200..] {
+            *time += 600.0;
+        }
+        recording.breaks = vec![1_200];
+        let found = usable(&recording).unwrap();
+        assert_eq!(found.blocks, [0..1_200, 1_200..3_000]);
+        assert_eq!(found.concerns, [], "the pause is no gap");
     }
 }
