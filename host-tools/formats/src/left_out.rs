@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const NAMED: usize = 3;
 
 /// The kind of what was left out or changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum What {
@@ -27,6 +27,20 @@ pub enum What {
     Wrap,
     /// Times that are not those at which the samples were taken.
     RebuiltClock,
+    /// Pressures that cannot be.
+    ImpossiblePressure,
+    /// Angles that no motion reaches.
+    ImpossibleAngle,
+    /// Pressures that stay at one value to the last digit, without the noise of the others.
+    FrozenPressure,
+    /// Angles that do.
+    FrozenAngle,
+    /// Rows that only repeat the last one, because the sensors are slower than the rows.
+    HeldRow,
+    /// Pressures that only repeat the last one, because the sensor is slower than the rows.
+    HeldPressure,
+    /// Angles that do.
+    HeldAngle,
 }
 
 impl What {
@@ -50,6 +64,19 @@ impl What {
                 "time is not when its sample was taken",
                 "times are not when their samples were taken",
             ],
+            Self::ImpossiblePressure => ["pressure is impossible", "pressures are impossible"],
+            Self::ImpossibleAngle => ["angle is impossible", "angles are impossible"],
+            Self::FrozenPressure => ["pressure is frozen", "pressures are frozen"],
+            Self::FrozenAngle => ["angle is frozen", "angles are frozen"],
+            Self::HeldRow => [
+                "row only repeats the values of the last",
+                "rows only repeat the values of the last",
+            ],
+            Self::HeldPressure => [
+                "pressure only repeats the last",
+                "pressures only repeat the last",
+            ],
+            Self::HeldAngle => ["angle only repeats the last", "angles only repeat the last"],
         }
     }
 }
@@ -87,22 +114,26 @@ impl LeftOut {
             text: text.into(),
         }
     }
+
+    /// How many of what, and the first places.
+    pub fn found(&self) -> String {
+        let [one, several] = self.what.words();
+        let words = if self.count == 1 { one } else { several };
+        let rest = if self.count > self.places.len() {
+            ", …"
+        } else {
+            ""
+        };
+        match self.places.as_slice() {
+            [] => format!("{} {words}", self.count),
+            places => format!("{} {words} ({}{rest})", self.count, places.join(", ")),
+        }
+    }
 }
 
 impl fmt::Display for LeftOut {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [one, several] = self.what.words();
-        let words = if self.count == 1 { one } else { several };
-        write!(f, "{}: {} {words}", self.file, self.count)?;
-        if !self.places.is_empty() {
-            let rest = if self.count > self.places.len() {
-                ", …"
-            } else {
-                ""
-            };
-            write!(f, " ({}{rest})", self.places.join(", "))?;
-        }
-        write!(f, ": {}", self.text)
+        write!(f, "{}: {}: {}", self.file, self.found(), self.text)
     }
 }
 

@@ -27,6 +27,7 @@ pub mod protocol_file;
 pub mod protocol_schema;
 pub mod ranges;
 pub mod recording;
+pub mod removed;
 pub mod settings_file;
 pub mod setup;
 pub mod table;

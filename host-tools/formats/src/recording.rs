@@ -5,6 +5,8 @@
 //! everything is SI and radians. Every problem of a file is reported with its line and
 //! column, because a fit to a damaged recording names a wrong cause with great confidence.
 
+use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -16,7 +18,8 @@ use crate::bounded::{Limits, read_text};
 use crate::columns::{Columns, Layout};
 use crate::error::InputError;
 use crate::formats::{self, Samples};
-use crate::left_out::{LeftOut, Lines};
+use crate::left_out::{LeftOut, Lines, What};
+use crate::removed::{Channel, Removed, Why, bridge};
 use crate::setup::Setup;
 
 /// Pascals in a kilopascal.
@@ -57,6 +60,8 @@ pub struct Recording {
     pub lines: Lines,
     /// What was left out of the file or changed, and is in no warning.
     pub left_out: Vec<LeftOut>,
+    /// Samples that are not believed; a straight line stands in their place.
+    pub removed: Vec<Removed>,
 }
 
 /// The pause (s) on the time axis where the clock begins again, for a usual interval (s): longer
@@ -376,6 +381,7 @@ impl Recording {
             stamps,
             lines,
             left_out,
+            removed: Vec::new(),
         };
         if let Some(gap) = recording.describe_gaps() {
             warnings.push(format!("{}: {gap}", path.display()));
@@ -449,10 +455,6 @@ impl Recording {
                     fields: column.fields[range.clone()].to_vec(),
                 })
                 .collect(),
-            name: self.name.clone(),
-            path: self.path.clone(),
-            meta: self.meta.clone(),
-            columns: self.columns,
             breaks: self
                 .breaks
                 .iter()
@@ -461,8 +463,131 @@ impl Recording {
                 .collect(),
             stamps: self.stamps.as_deref().map(pick),
             lines: self.lines.slice(range),
-            left_out: self.left_out.clone(),
+            removed: self
+                .removed
+                .iter()
+                .filter_map(|removed| removed.within(range))
+                .collect(),
+            ..self.header()
         }
+    }
+
+    /// Some of the samples, in order, under the same name.
+    pub fn picked(&self, samples: &[usize]) -> Self {
+        let pick = |values: &[f64]| samples.iter().map(|&k| values[k]).collect();
+        let gone = |at: &usize| samples.partition_point(|k| k < at);
+        let mut breaks: Vec<usize> = self.breaks.iter().map(gone).collect();
+        breaks.dedup();
+        breaks.retain(|&at| 0 < at && at < samples.len());
+        Self {
+            time: pick(&self.time),
+            pressure: pick(&self.pressure),
+            angle: pick(&self.angle),
+            extra: self
+                .extra
+                .iter()
+                .map(|column| Column {
+                    name: column.name.clone(),
+                    fields: samples.iter().map(|&k| column.fields[k].clone()).collect(),
+                })
+                .collect(),
+            breaks,
+            stamps: self.stamps.as_deref().map(pick),
+            lines: self.lines.pick(samples.iter().copied()),
+            removed: Vec::new(),
+            ..self.header()
+        }
+    }
+
+    /// What belongs to the whole recording: all but its samples.
+    fn header(&self) -> Self {
+        Self {
+            name: self.name.clone(),
+            path: self.path.clone(),
+            meta: self.meta.clone(),
+            columns: self.columns,
+            left_out: self.left_out.clone(),
+            ..Self::default()
+        }
+    }
+
+    /// The values of a channel, in Pa or rad.
+    pub fn channel(&self, channel: Channel) -> &[f64] {
+        match channel {
+            Channel::Pressure => &self.pressure,
+            Channel::Angle => &self.angle,
+        }
+    }
+
+    /// Takes samples of a channel out: the recorded values are kept in [`Recording::removed`], and
+    /// a straight line stands in their place.
+    pub fn remove(&mut self, channel: Channel, samples: Vec<(Range<usize>, Why)>) {
+        if samples.is_empty() {
+            return;
+        }
+        let values = self.channel(channel).to_vec();
+        let mut gone = vec![false; values.len()];
+        for (range, why) in samples {
+            gone[range.clone()].fill(true);
+            self.removed.push(Removed {
+                channel,
+                values: values[range.clone()].to_vec(),
+                samples: range,
+                why,
+            });
+        }
+        let values = match channel {
+            Channel::Pressure => &mut self.pressure,
+            Channel::Angle => &mut self.angle,
+        };
+        bridge(&self.time, values, &gone);
+    }
+
+    /// Ranges of samples that were taken out of a channel.
+    pub fn removed_from(&self, channel: Channel) -> impl Iterator<Item = &Removed> {
+        self.removed.iter().filter(move |it| it.channel == channel)
+    }
+
+    /// Times (s) and values (Pa or rad) of the samples of a channel that were measured.
+    pub fn measured(&self, channel: Channel) -> (Cow<'_, [f64]>, Cow<'_, [f64]>) {
+        let values = self.channel(channel);
+        if self.removed_from(channel).next().is_none() {
+            return (Cow::Borrowed(&self.time), Cow::Borrowed(values));
+        }
+        let mut kept = vec![true; values.len()];
+        for removed in self.removed_from(channel) {
+            kept[removed.samples.clone()].fill(false);
+        }
+        let pick = |all: &[f64]| -> Vec<f64> {
+            let kept = all.iter().zip(&kept).filter(|(_, kept)| **kept);
+            kept.map(|(value, _)| *value).collect()
+        };
+        (Cow::Owned(pick(&self.time)), Cow::Owned(pick(values)))
+    }
+
+    /// What was taken out of the channels, a sentence for each channel and kind.
+    pub fn what_was_removed(&self) -> Vec<LeftOut> {
+        let kinds: BTreeSet<What> = self.removed.iter().map(Removed::what).collect();
+        kinds
+            .into_iter()
+            .map(|what| {
+                let places = self
+                    .removed
+                    .iter()
+                    .filter(|it| it.what() == what)
+                    .flat_map(|it| it.samples.clone())
+                    .map(|sample| self.place(sample));
+                let text = match what {
+                    What::ImpossiblePressure | What::FrozenPressure => {
+                        "a straight line stands in their place; look at the sensor's cable and the logger"
+                    }
+                    What::HeldPressure => "the pressure is sampled where it changes",
+                    What::HeldAngle => "the angle is fitted where it changes",
+                    _ => "not fitted; look at the sensor's cable and the logger",
+                };
+                LeftOut::new(what, &self.path, places, text)
+            })
+            .collect()
     }
 
     /// Where a sample stands in the file: `line 123`, or `sample 123` in a format without lines.

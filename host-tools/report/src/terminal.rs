@@ -44,9 +44,26 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     lines.extend(content.refused.clone());
     lines.extend(written(content, outputs));
     lines.push(format!("{seconds:.1} s, seed {seed}"));
-    let room = LINES.saturating_sub(lines.len());
-    lines.splice(table..table, notes(&content.notices, room));
+    let left_out = left_out(&content.left_out);
+    let room = LINES.saturating_sub(lines.len() + left_out.len());
+    let notes = notes(&content.notices, room);
+    lines.splice(table..table, left_out.into_iter().chain(notes));
     lines.join("\n") + "\n"
+}
+
+/// What was left out of the files: the first sentences.
+fn left_out(sentences: &[String]) -> Vec<String> {
+    const SHOWN: usize = 6;
+    if sentences.is_empty() {
+        return Vec::new();
+    }
+    let mut lines = vec!["What was left out:".to_owned()];
+    lines.extend(sentences.iter().take(SHOWN).map(|it| format!("  {it}.")));
+    let more = sentences.len().saturating_sub(SHOWN);
+    if more > 0 {
+        lines.push(format!("  {more} more on the page of --report."));
+    }
+    lines
 }
 
 /// Notices about the recordings, in at most `room` lines, but at least two.

@@ -39,9 +39,9 @@ pub fn swing(values: &[f64]) -> f64 {
     high - low
 }
 
-/// Whether a signal moves: white noise alone spans eight standard deviations.
-pub fn moves(values: &[f64]) -> bool {
-    swing(values) > 10.0 * noise_by_differences(values)
+/// Whether a signal sampled at `time` moves: white noise alone spans eight standard deviations.
+pub fn moves(time: &[f64], values: &[f64]) -> bool {
+    swing(values) > 10.0 * noise(time, values)
 }
 
 /// The standard deviation about the mean; zero for fewer than two values.
@@ -130,38 +130,86 @@ pub fn coloured_rms(runs: &[Vec<f64>]) -> f64 {
     (sum / count as f64).max(0.0).sqrt()
 }
 
-/// The standard deviation of white noise on a smooth signal, from differences
-/// of high order.
+/// The standard deviation of white noise on a smooth signal sampled at `time`, from what
+/// polynomials through neighbours miss.
 ///
-/// Differencing `m` times multiplies white noise by the root of the binomial
-/// (2m over m) and a smooth signal by a small power of its frequency. The signal can only
-/// raise the estimate of each order, so the smallest one is returned: an upper bound of
-/// the noise, tight where the sampling is fast against the motion.
-pub fn noise_by_differences(values: &[f64]) -> f64 {
-    noise_by_order(values)
+/// Of m + 1 successive samples that combination is taken which is zero for every polynomial below
+/// degree m and keeps the variance of white noise (Gasser, Sroka and Jennen-Steinmetz, Biometrika
+/// 73, 1986). With even sampling it is the m-th difference over the root of the binomial (2m over
+/// m). A smooth signal can only raise the estimate of each order, so the smallest one is returned:
+/// an upper bound of the noise, tight where the sampling is fast against the motion.
+pub fn noise(time: &[f64], values: &[f64]) -> f64 {
+    noise_by_order(time, values)
         .into_iter()
         .reduce(f64::min)
         .unwrap_or(0.0)
 }
 
-/// The estimates of [`noise_by_differences`] from differences of the second
-/// order on. They agree where there is white noise and little else.
-pub fn noise_by_order(values: &[f64]) -> Vec<f64> {
-    const ORDERS: usize = 8;
+/// Orders of differences that estimate noise; the first sees every motion.
+const NOISE_ORDERS: std::ops::RangeInclusive<usize> = 2..=8;
+
+/// Fewest differences of an order that estimate noise.
+const FEWEST_DIFFERENCES: usize = 8;
+
+/// The estimates of [`noise`] of each order from the second on. They agree where there is white
+/// noise and little else.
+pub fn noise_by_order(time: &[f64], values: &[f64]) -> Vec<f64> {
+    if is_even(time) {
+        return noise_of_even(values);
+    }
+    NOISE_ORDERS
+        .map(|order| {
+            time.windows(order + 1)
+                .zip(values.windows(order + 1))
+                .map(|(time, values)| scaled_difference(time, values))
+                .collect::<Vec<f64>>()
+        })
+        .take_while(|differences| differences.len() >= FEWEST_DIFFERENCES)
+        .map(|differences| rms(&differences))
+        .collect()
+}
+
+/// Whether nearly all intervals are the usual one, up to the rounding of the times.
+fn is_even(time: &[f64]) -> bool {
+    const NEARLY_ALL: f64 = 0.95;
+    const ROUNDING: f64 = 0.2;
+    let mut steps: Vec<f64> = time.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let usual = median(&mut steps);
+    let even = steps
+        .iter()
+        .filter(|step| (*step / usual - 1.0).abs() <= ROUNDING);
+    steps.is_empty() || even.count() as f64 >= NEARLY_ALL * steps.len() as f64
+}
+
+/// The divided difference of samples over its standard deviation for noise of variance 1.
+fn scaled_difference(time: &[f64], values: &[f64]) -> f64 {
+    let span = time[time.len() - 1] - time[0];
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (own, value) in time.iter().zip(values) {
+        let others = time.iter().filter(|other| *other != own);
+        let weight: f64 = others.map(|other| span / (own - other)).product();
+        sum += weight * value;
+        squares += weight * weight;
+    }
+    sum / squares.sqrt()
+}
+
+/// The same for even samples, by differencing again and again.
+fn noise_of_even(values: &[f64]) -> Vec<f64> {
     let mut difference = values.to_vec();
     let mut gain = 1.0;
     let mut found = Vec::new();
-    for order in 1..=ORDERS {
+    for order in 1..=*NOISE_ORDERS.end() {
         for k in 0..difference.len().saturating_sub(1) {
             difference[k] = difference[k + 1] - difference[k];
         }
         difference.pop();
-        if difference.len() < 8 {
+        if difference.len() < FEWEST_DIFFERENCES {
             break;
         }
         let m = order as f64;
         gain *= (2.0 * m) * (2.0 * m - 1.0) / (m * m);
-        if order >= 2 {
+        if NOISE_ORDERS.contains(&order) {
             found.push(rms(&difference) / f64::sqrt(gain));
         }
     }
@@ -188,7 +236,7 @@ pub fn quantisation_step(values: &[f64]) -> f64 {
 
 /// Ranges of samples in which a signal saturates: it stays exactly at its largest or
 /// smallest value although noise would move it.
-pub fn clipped(values: &[f64]) -> Vec<std::ops::Range<usize>> {
+pub fn clipped(time: &[f64], values: &[f64]) -> Vec<std::ops::Range<usize>> {
     /// Shortest range that is not chance.
     const SHORTEST: usize = 20;
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -210,13 +258,14 @@ pub fn clipped(values: &[f64]) -> Vec<std::ops::Range<usize>> {
         return found;
     }
     // Where the noise is small against the quantisation step, a rest looks the same.
-    let moving: Vec<f64> = values
+    let (time, moving): (Vec<f64>, Vec<f64>) = time
         .iter()
+        .zip(values)
         .enumerate()
         .filter(|(k, _)| !found.iter().any(|range| range.contains(k)))
-        .map(|(_, value)| *value)
-        .collect();
-    if noise_by_differences(&moving) > 0.4 * quantisation_step(values).max(1e-6 * (high - low)) {
+        .map(|(_, (time, value))| (*time, *value))
+        .unzip();
+    if noise(&time, &moving) > 0.4 * quantisation_step(values).max(1e-6 * (high - low)) {
         found
     } else {
         Vec::new()
@@ -236,6 +285,11 @@ mod tests {
             .collect()
     }
 
+    /// The times of so many samples at 100 Hz.
+    fn even(count: usize) -> Vec<f64> {
+        (0..count).map(|k| k as f64 * 0.01).collect()
+    }
+
     #[test]
     fn median_of_odd_even_and_nothing() {
         assert!((median(&mut [3.0, 1.0, 2.0]) - 2.0).abs() < 1e-15);
@@ -251,12 +305,12 @@ mod tests {
             .enumerate()
             .map(|(k, n)| 50.0 * (k as f64 * 0.03).sin() + 0.4 * n)
             .collect();
-        let estimate = noise_by_differences(&signal);
+        let estimate = super::noise(&even(signal.len()), &signal);
         assert!((estimate - 0.4).abs() < 0.02, "{estimate}");
         let clean: Vec<f64> = (0..3_000)
             .map(|k| 50.0 * (f64::from(k) * 0.03).sin())
             .collect();
-        assert!(noise_by_differences(&clean) < 1e-6);
+        assert!(super::noise(&even(clean.len()), &clean) < 1e-6);
     }
 
     #[test]
@@ -282,7 +336,7 @@ mod tests {
             .enumerate()
             .map(|(k, n)| (60.0 * (k as f64 * 0.01).sin() + 0.4 * n).min(55.0))
             .collect();
-        let found = clipped(&signal);
+        let found = clipped(&even(signal.len()), &signal);
         assert!(!found.is_empty());
         assert!(
             found
@@ -292,7 +346,33 @@ mod tests {
         let rest: Vec<f64> = (0..600)
             .map(|k| f64::from((k - 300).max(0)) * 0.1)
             .collect();
-        assert!(clipped(&rest).is_empty());
+        assert!(clipped(&even(rest.len()), &rest).is_empty());
+    }
+
+    /// What is missing or late says nothing of the noise.
+    #[test]
+    fn noise_does_not_depend_on_the_spacing_of_the_samples() {
+        let draws = white(6_000, 11);
+        let signal = |t: f64| 50.0 * (3.0 * t).sin();
+        let with = |time: Vec<f64>| {
+            let noisy = time.iter().zip(&draws).map(|(t, n)| signal(*t) + 0.4 * n);
+            super::noise(&time, &noisy.collect::<Vec<f64>>())
+        };
+        let third_missing: Vec<f64> = even(6_000)
+            .into_iter()
+            .zip(white(6_000, 12))
+            .filter(|(_, draw)| draw.abs() > 0.43)
+            .map(|(t, _)| t)
+            .collect();
+        let irregular: Vec<f64> = even(6_000)
+            .iter()
+            .zip(white(6_000, 13))
+            .map(|(t, draw)| t + 0.004 * draw.tanh())
+            .collect();
+        for time in [even(6_000), third_missing, irregular] {
+            let estimate = with(time);
+            assert!((estimate - 0.4).abs() < 0.02, "{estimate}");
+        }
     }
 
     #[test]

@@ -16,7 +16,7 @@ use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig_formats::error::write_atomically;
 use softrig_formats::own_effects::OwnEffects;
-use softrig_formats::recording::{check_distinct, read_all};
+use softrig_formats::recording::{check_distinct, read_all_to_show};
 use softrig_report::Outputs;
 use softrig_report::content::Content;
 use softrig_report::html::page;
@@ -198,13 +198,13 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     )?;
     check_distinct(&args.recordings, &args.holdout)?;
     let layout = args.input.layout();
-    let (file, mut recordings) = super::read(model, &args.recordings, &layout)?;
+    let (file, mut recordings) = super::read_to_show(model, &args.recordings, &layout)?;
     let layout = layout.or(&file.recording);
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
     };
-    let mut holdout = read_all(&args.holdout, &layout, super::warn)?;
+    let mut holdout = read_all_to_show(&args.holdout, &layout, super::warn)?;
     if args.tolerance.is_some() {
         for recording in recordings.iter_mut().chain(&mut holdout) {
             recording.meta.tolerance_deg = args.tolerance;

@@ -47,7 +47,7 @@ use softrig::estimate::placement::with_tip_load;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
-use softrig_formats::recording::{Recording, read_all};
+use softrig_formats::recording::{Recording, read_all, read_all_to_show};
 use softrig_formats::setup::Setup;
 use softrig_formats::terminal::remark;
 
@@ -76,6 +76,17 @@ pub(crate) fn read(
 ) -> Result<(ModelFile, Vec<Recording>), InputError> {
     let file = read_model(model)?;
     let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
+    Ok((with_tip_load(file, &recordings), recordings))
+}
+
+/// Like [`read`], for a command that shows what was left out of the files itself.
+pub(crate) fn read_to_show(
+    model: &Path,
+    recordings: &[PathBuf],
+    layout: &Layout,
+) -> Result<(ModelFile, Vec<Recording>), InputError> {
+    let file = read_model(model)?;
+    let recordings = read_all_to_show(recordings, &layout.or(&file.recording), warn)?;
     Ok((with_tip_load(file, &recordings), recordings))
 }
 

@@ -308,8 +308,7 @@ impl Desk {
     ) -> Result<(Recording, Vec<String>), InputError> {
         recordings_among(std::slice::from_ref(&held.path), |_| ())?;
         let meta = self.meta_of(held).map(Held::text).transpose()?;
-        let (recording, warnings) =
-            Recording::of_file(&held.bytes, meta, &held.path, layout)?;
+        let (recording, warnings) = Recording::of_file(&held.bytes, meta, &held.path, layout)?;
         let warnings = recording.remarks(warnings);
         Ok((recording, warnings))
     }

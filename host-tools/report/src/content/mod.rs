@@ -41,6 +41,8 @@ pub struct Content {
     pub keys: Vec<Key>,
     /// Notices about the recordings.
     pub notices: Vec<Notice>,
+    /// What was left out of the files, or changed in them, as sentences.
+    pub left_out: Vec<String>,
     /// Errors on fitted runs and on validation runs.
     pub errors: Vec<ErrorRow>,
     /// Whether effects were added to the model.
@@ -91,6 +93,7 @@ impl Content {
             ended: diagnosis.ended.as_ref().map(Ended::sentence),
             keys: keys::keys(diagnosis),
             notices: errors::notices(diagnosis),
+            left_out: diagnosis.not_used.iter().map(ToString::to_string).collect(),
             errors: errors::errors(diagnosis),
             repaired,
             upload: upload == Upload::Worth,

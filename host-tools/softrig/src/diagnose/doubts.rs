@@ -157,7 +157,7 @@ fn of_line(kind: Kind, frequency: f64, data: &Dataset) -> Option<Doubt> {
         .any(|session| {
             let recording = session.recording();
             let samples = 1.0 / (frequency * recording.interval());
-            moves(&recording.pressure)
+            moves(&recording.time, &recording.pressure)
                 && (1..=HARMONICS)
                     .any(|multiple| repeats(&recording.pressure, multiple as f64 * samples))
         })

@@ -14,10 +14,12 @@ use model_core::actuator::Model;
 
 use super::smoother::{ForceSeries, Smoother};
 use crate::estimate::filter::Pace;
+use crate::estimate::smooth::noise_of;
 use crate::estimate::{Dataset, Nuisance};
-use crate::statistics::{mean, noise_by_differences, rms};
+use crate::statistics::{mean, noise, rms};
 use softrig_formats::numbers::{percent, short};
 use softrig_formats::recording::Recording;
+use softrig_formats::removed::Channel;
 
 /// Bins of a feature, each with as many samples.
 const BINS: usize = 16;
@@ -382,7 +384,7 @@ fn samples(
 ) -> Vec<Sample> {
     const FINDING_ITS_WAY: usize = 10;
     let edges = edges(recording);
-    let noise = noise_by_differences(&recording.angle);
+    let noise = noise_of(recording, Channel::Angle);
     let mut largest: f64 = 0.0;
     let mut edge = 0;
     (0..run.end.min(recording.len()))
@@ -494,7 +496,7 @@ fn edges(recording: &Recording) -> Vec<usize> {
     let pressure = &recording.pressure;
     let low = pressure.iter().copied().fold(f64::INFINITY, f64::min);
     let high = pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let jump = (0.1 * (high - low)).max(6.0 * noise_by_differences(pressure));
+    let jump = (0.1 * (high - low)).max(6.0 * noise(&recording.time, pressure));
     let mut edges = vec![0];
     for k in 5..pressure.len() {
         let moved = (pressure[k] - pressure[k - 5]).abs() > jump;

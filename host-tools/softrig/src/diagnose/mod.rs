@@ -82,6 +82,7 @@ use search::{Options, Searched, search};
 use selection::{FittedStructure, Selection};
 use softrig_formats::error::InputError;
 use softrig_formats::family;
+use softrig_formats::left_out::LeftOut;
 use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::numbers::tidy;
 use softrig_formats::own_effects::OwnEffects;
@@ -125,6 +126,8 @@ pub struct Diagnosis {
     pub finding: Finding,
     /// Concerns about the recordings.
     pub concerns: Vec<Concern>,
+    /// What was left out of the files, or changed in them.
+    pub not_used: Vec<LeftOut>,
     /// Index of a recording that was left out because it behaves like another actuator.
     pub left_out: Option<usize>,
     /// The sessions and their segments, as they were used.
@@ -240,11 +243,13 @@ pub fn diagnose_from(
     }
     let mut diagnosis = found.diagnosis;
     diagnosis.left_out = left_out;
+    diagnosis.not_used = assembled.left_out;
     let own = diagnosis.concerns;
     diagnosis.concerns = odd_concern
         .into_iter()
         .chain(too_many)
         .chain(assembled.concerns)
+        .filter(|concern| concern.matter != Matter::LeftOut)
         .chain(own)
         .collect();
     diagnosis.ended = progress.ended();
@@ -401,6 +406,7 @@ fn diagnose_all(
         untried,
         validation,
         left_out: None,
+        not_used: Vec::new(),
         ended: None,
         data,
     };
@@ -678,6 +684,7 @@ impl Diagnosis {
                     expected_delta_chi2: tidy(proposal.evidence),
                 })
                 .collect(),
+            left_out: self.not_used.iter().map(Into::into).collect(),
             recordings: files.map(|file| file.path.display().to_string()).collect(),
             ended: self.ended.as_ref().map(|_| EndedBy::Budget),
             not_tried: self

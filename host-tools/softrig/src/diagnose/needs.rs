@@ -8,7 +8,7 @@
 use model_core::catalogue::Kind;
 
 use crate::estimate::Dataset;
-use crate::statistics::{noise_by_differences, swing};
+use crate::statistics::{noise, swing};
 use softrig_formats::recording::Recording;
 
 /// Least return, as a share of the swing of the recordings, that is one.
@@ -73,8 +73,8 @@ impl Shown {
                 let first = run.pressure.first().copied().unwrap_or(0.0);
                 run.pressure.iter().any(|p| (p - first).abs() >= CHANGES)
             }),
-            reversal: runs().any(|run| returns(&run.pressure, swing(&run.pressure))),
-            comes_back: runs().any(|run| returns(&run.angle, largest)),
+            reversal: runs().any(|run| returns(&run.time, &run.pressure, swing(&run.pressure))),
+            comes_back: runs().any(|run| returns(&run.time, &run.angle, largest)),
         }
     }
 
@@ -96,7 +96,7 @@ impl Shown {
 /// its angle goes, comes back and goes again.
 pub fn is_loaded_again(data: &Dataset) -> bool {
     let largest = largest_swing(data);
-    fitted_sessions(data).any(|run| legs(&run.angle, largest) >= 3)
+    fitted_sessions(data).any(|run| legs(&run.time, &run.angle, largest) >= 3)
 }
 
 /// The sessions of which something is fitted.
@@ -115,8 +115,8 @@ fn largest_swing(data: &Dataset) -> f64 {
 }
 
 /// The number of ways back and forth in a series, each by a share of a swing.
-fn legs(values: &[f64], swing: f64) -> usize {
-    let least = least_return(values, swing);
+fn legs(time: &[f64], values: &[f64], swing: f64) -> usize {
+    let least = least_return(time, values, swing);
     let (mut high, mut low) = (f64::NEG_INFINITY, f64::INFINITY);
     let (mut legs, mut rises) = (0, None);
     for &value in values {
@@ -132,13 +132,13 @@ fn legs(values: &[f64], swing: f64) -> usize {
 }
 
 /// The least change of a series that is a way back.
-fn least_return(values: &[f64], swing: f64) -> f64 {
-    RETURNS * swing + BEYOND_NOISE * noise_by_differences(values)
+fn least_return(time: &[f64], values: &[f64], swing: f64) -> f64 {
+    RETURNS * swing + BEYOND_NOISE * noise(time, values)
 }
 
 /// Whether a series both rises and falls by a share of a swing.
-fn returns(values: &[f64], swing: f64) -> bool {
-    let least = least_return(values, swing);
+fn returns(time: &[f64], values: &[f64], swing: f64) -> bool {
+    let least = least_return(time, values, swing);
     let (mut high, mut low) = (f64::NEG_INFINITY, f64::INFINITY);
     let (mut fall, mut rise) = (0.0_f64, 0.0_f64);
     for &value in values {

@@ -20,10 +20,10 @@ use super::policy::Search;
 use crate::estimate::Session;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::{Nuisance, rest_at_start};
-use crate::statistics::{
-    coloured_rms, mean, noise_by_differences, quantisation_step, rms, standard_deviation,
-};
+use crate::estimate::smooth::noise_of;
+use crate::statistics::{coloured_rms, mean, quantisation_step, rms, standard_deviation};
 use softrig_formats::recording::{Meta, Recording};
+use softrig_formats::removed::Channel;
 
 /// The noise floor and its sources.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,7 +59,7 @@ impl NoiseFloor {
     pub fn of(recordings: &[Recording]) -> Self {
         let each: Vec<f64> = recordings
             .iter()
-            .map(|recording| noise_by_differences(&recording.angle))
+            .map(|recording| noise_of(recording, Channel::Angle))
             .collect();
         let white = rms(&each);
         let quantisation_step = recordings
@@ -118,7 +118,7 @@ impl NoiseFloor {
                 Calm {
                     session,
                     nuisance,
-                    noise: noise_by_differences(&session.recording().pressure),
+                    noise: noise_of(session.recording(), Channel::Pressure),
                     simulated: if ranges.is_empty() {
                         Vec::new()
                     } else {
@@ -230,7 +230,7 @@ impl<'a> NoisyRun<'a> {
         Self {
             recording,
             interval: recording.interval(),
-            noise: noise_by_differences(&recording.pressure),
+            noise: noise_of(recording, Channel::Pressure),
             level: rms(&recording.pressure),
         }
     }

@@ -40,7 +40,7 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
     refuse_without_motion(recordings)?;
     let mut concerns = Vec::new();
     for recording in recordings {
-        if !moves(&recording.angle) {
+        if !moves(&recording.time, &recording.angle) {
             concerns.push(Concern::of(
                 Matter::NoMotion,
                 Some(recording),
@@ -48,7 +48,10 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
                 "keep it if so little pressure moves nothing; otherwise check the angle sensor",
             ));
         }
-        if !moves(&recording.pressure) && swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
+        if !moves(&recording.time, &recording.pressure)
+            && swing(&recording.pressure) > 0.0
+            && recordings.len() > 1
+        {
             concerns.push(Concern::of(
                 Matter::ConstantPressure,
                 Some(recording),
@@ -97,11 +100,13 @@ fn angles(recording: &Recording) -> String {
 /// motion among others shows that its pressure was too small, and is kept.
 pub fn refuse_without_motion(recordings: &[Recording]) -> Result<(), InputError> {
     match recordings.first() {
-        Some(first) if !recordings.iter().any(|it| moves(&it.angle)) => Err(InputError::new(
-            format!("holds no motion: {}", angles(first)),
-            "leave it out, and record a step, a staircase or a swing",
-        )
-        .in_file(&first.path)),
+        Some(first) if !recordings.iter().any(|it| moves(&it.time, &it.angle)) => {
+            Err(InputError::new(
+                format!("holds no motion: {}", angles(first)),
+                "leave it out, and record a step, a staircase or a swing",
+            )
+            .in_file(&first.path))
+        }
         _ => Ok(()),
     }
 }

@@ -12,9 +12,11 @@ use std::path::{Path, PathBuf};
 
 use super::dataset::{Dataset, Mark, Session};
 use crate::estimate::identify::rest::resting_angle;
+use crate::estimate::impossible::cleaned;
 use crate::estimate::usable::{Concern, Matter};
 use crate::estimate::usable::{Usable, usable};
 use softrig_formats::error::InputError;
+use softrig_formats::left_out::LeftOut;
 use softrig_formats::recording::{Column, Recording, stem};
 
 /// Number of segments into which the only session is cut if nothing says where
@@ -35,6 +37,8 @@ pub struct Assembled {
     pub data: Dataset,
     /// Concerns to report.
     pub concerns: Vec<Concern>,
+    /// What was left out of the files, those with [`Matter::LeftOut`] among the concerns too.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// Files of one session, each with whether it is fitted.
@@ -65,6 +69,9 @@ pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assemble
 ///
 /// Refuses a recording of which nothing can be used.
 pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
+    let mut all = Assembled::default();
+    let fitted = &all.cleaned(fitted)?[..];
+    let held_out = &all.cleaned(held_out)?[..];
     // The order in which files are named decides nothing.
     let by_path = |recordings: &'_ [Recording]| {
         let mut order: Vec<usize> = (0..recordings.len()).collect();
@@ -80,7 +87,6 @@ pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled
     let groups = grouped(files());
     let clocks = Clocks::of(files().map(|(recording, _)| recording));
     let alone = groups.len() == 1;
-    let mut all = Assembled::default();
     for group in &groups {
         add(&mut all, group, &clocks, alone)?;
     }
@@ -89,6 +95,21 @@ pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled
 }
 
 impl Assembled {
+    /// The recordings without what no motion can reach.
+    fn cleaned(&mut self, recordings: &[Recording]) -> Result<Vec<Recording>, InputError> {
+        recordings
+            .iter()
+            .map(|recording| {
+                let clean = cleaned(recording)?;
+                let found = &clean.left_out[recording.left_out.len()..];
+                let concerns = found.iter().map(|it| Concern::left_out(recording, it));
+                self.concerns.extend(concerns);
+                self.left_out.extend(clean.left_out.iter().cloned());
+                Ok(clean)
+            })
+            .collect()
+    }
+
     /// Counts the angle from where it rests, if that is far from zero and no flag says where
     /// zero is.
     #[must_use]
@@ -317,7 +338,6 @@ fn header(recording: &Recording) -> Recording {
         path: recording.path.clone(),
         meta: recording.meta.clone(),
         columns: recording.columns,
-        left_out: recording.left_out.clone(),
         ..Recording::default()
     }
 }

@@ -335,7 +335,7 @@ impl Dataset {
     pub fn of(recordings: &[Recording]) -> Self {
         let mut this = Self::default();
         for recording in recordings {
-            let silent = crate::statistics::clipped(&recording.angle);
+            let silent = crate::statistics::clipped(&recording.time, &recording.angle);
             let mark = Mark {
                 range: 0..recording.len(),
                 about: recording.clone(),

@@ -34,7 +34,7 @@ const AGREEMENT: f64 = 0.2;
 /// The pressure (Pa) of a recording without its white noise.
 pub fn pressure(recording: &Recording) -> Vec<f64> {
     let values = &recording.pressure;
-    let Some(noise) = white_noise(values) else {
+    let Some(noise) = white_noise(&recording.time, values) else {
         return values.clone();
     };
     let interval = recording.interval();
@@ -103,8 +103,8 @@ fn smoothed(values: &[f64], even: &[bool], half: usize) -> Vec<f64> {
 
 /// The standard deviation of a signal's noise, if it is white: differences of all
 /// orders agree on it, and it is everywhere, not in a few edges.
-fn white_noise(values: &[f64]) -> Option<f64> {
-    let orders = noise_by_order(values);
+fn white_noise(time: &[f64], values: &[f64]) -> Option<f64> {
+    let orders = noise_by_order(time, values);
     // The lowest orders still see the motion.
     let fast = orders.get(2..)?;
     let low = fast.iter().copied().fold(f64::INFINITY, f64::min);

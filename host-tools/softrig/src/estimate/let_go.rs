@@ -6,7 +6,7 @@
 //! named for it. What can be used begins when the hand lets go. Creep is something else: it
 //! is fastest at first, and no rest precedes it.
 
-use crate::statistics::{mean, noise_by_differences, swing};
+use crate::statistics::{mean, noise, swing};
 use softrig_formats::recording::Recording;
 
 /// Shortest rest without pressure (s), and in samples.
@@ -52,7 +52,7 @@ pub fn handled(recording: &Recording) -> Option<Handled> {
     } = recording;
     let first = *angle.first()?;
     let swing_of_angle = swing(angle);
-    let still = (5.0 * noise_by_differences(angle)).max(0.002 * swing_of_angle);
+    let still = (5.0 * noise(time, angle)).max(0.002 * swing_of_angle);
     let taken = angle.iter().position(|a| (a - first).abs() > still)?;
     if taken < REST_SAMPLES {
         return None;
@@ -65,7 +65,7 @@ pub fn handled(recording: &Recording) -> Option<Handled> {
     if time[taken] - time[0] < if is_driven { LATE_S } else { REST_S } {
         return None;
     }
-    let still_pressure = 6.0 * noise_by_differences(at_rest) + STAYS * largest_pressure;
+    let still_pressure = 6.0 * noise(&time[..at_rest.len()], at_rest) + STAYS * largest_pressure;
     let stays = |p: &f64| (p - mean).abs() <= still_pressure;
     // One that changed before and moved nothing may be what moves it now.
     if !at_rest.iter().all(stays) {

@@ -4,8 +4,9 @@
 //! drift and the largest angle so far carry over within it, and cutting it would lose
 //! them.
 //!
-//! - [`assemble`] makes sessions from files; [`usable`] finds their usable samples,
-//!   [`let_go`] where a hand let go of the actuator.
+//! - [`assemble`] makes sessions from files; [`impossible`] takes out the samples that no motion
+//!   can reach, [`usable`] finds what can be used of the rest, [`let_go`] where a hand let go of
+//!   the actuator.
 //! - [`dataset`] holds sessions and their segments, which are used for repeats, plots and
 //!   cross-validation.
 //! - [`nuisance`]: the unknowns of each session that every fit estimates beside the model,
@@ -31,6 +32,7 @@ pub mod filter;
 pub mod fit;
 pub(crate) mod horizon;
 pub mod identify;
+pub mod impossible;
 pub(crate) mod information;
 pub(crate) mod let_go;
 mod normal;

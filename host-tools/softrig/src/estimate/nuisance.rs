@@ -38,12 +38,11 @@
 
 use std::ops::Range;
 
-use crate::estimate::smooth::motion;
+use crate::estimate::smooth::{motion, noise_of};
 use crate::sim::simulate::InitialState;
-use crate::statistics::{
-    mean, moves, noise_by_differences, quantisation_step, standard_deviation, swing,
-};
+use crate::statistics::{mean, moves, quantisation_step, standard_deviation, swing};
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+use softrig_formats::removed::Channel;
 use softrig_formats::setup::Setup;
 
 /// Standard deviation of the pressure's zero where the metadata has no
@@ -149,7 +148,7 @@ pub struct Prior {
 impl Prior {
     /// Takes the prior from the first samples and the metadata.
     pub fn of(recording: &Recording) -> Self {
-        let noise = noise_by_differences(&recording.angle)
+        let noise = noise_of(recording, Channel::Angle)
             .max(quantisation_step(&recording.angle) / 12f64.sqrt())
             .max(1e-6);
         let calibration = recording.meta.calibration.as_ref();
@@ -158,7 +157,7 @@ impl Prior {
             .map_or(PRESSURE_ZERO_SD_PA, |sd| sd * PASCAL_PER_KPA);
         // A constant pressure is a constant force, which the zero of the angle can
         // compensate as well.
-        let pressure_zero = if moves(&recording.pressure) {
+        let pressure_zero = if moves(&recording.time, &recording.pressure) {
             pressure_zero
         } else {
             HELD_PA
@@ -389,8 +388,8 @@ pub fn rest_at_start(recording: &Recording) -> usize {
     const ENOUGH: usize = 30;
     /// Standard deviation over noise from which a recording does not rest.
     const SHAKEN: f64 = 1.3;
-    let noise = noise_by_differences(&recording.angle).max(1e-9);
-    let pressure_noise = noise_by_differences(&recording.pressure);
+    let noise = noise_of(recording, Channel::Angle).max(1e-9);
+    let pressure_noise = noise_of(recording, Channel::Pressure);
     let still = 0.01 * swing(&recording.pressure) + 5.0 * pressure_noise;
     let first_pressure = mean(&recording.pressure[..FEWEST.min(recording.len())]);
     let first_angle = mean(&recording.angle[..FEWEST.min(recording.len())]);

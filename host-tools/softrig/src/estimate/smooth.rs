@@ -6,8 +6,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::statistics::noise_by_differences;
+use crate::statistics::noise;
 use softrig_formats::recording::Recording;
+use softrig_formats::removed::Channel;
 
 /// The motion at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +41,12 @@ pub fn motion(recording: &Recording, from: usize, to: usize, at: usize) -> Optio
     })
 }
 
+/// White noise of a channel, in its unit, from the samples that were measured.
+pub fn noise_of(recording: &Recording, channel: Channel) -> f64 {
+    let (time, values) = recording.measured(channel);
+    noise(&time, &values)
+}
+
 /// The motion over a recording, half a window from one estimate to the next.
 pub fn motions(recording: &Recording) -> impl Iterator<Item = Motion> {
     let half = half_window(recording);
@@ -55,7 +62,7 @@ pub fn half_window(recording: &Recording) -> usize {
         .angle
         .iter()
         .fold(0.0, |largest: f64, angle| largest.max(angle.abs()));
-    let noisy = noise_by_differences(&recording.angle) > 1e-3 * swing;
+    let noisy = noise_of(recording, Channel::Angle) > 1e-3 * swing;
     let seconds = if noisy { 0.2 } else { 0.06 };
     let samples = (seconds / recording.interval()).round();
     // At most an eighth of the record.

@@ -8,7 +8,7 @@ use super::dataset::{Dataset, Mark, Session};
 use super::nuisance::Nuisance;
 use crate::estimate::smooth::{half_window, motion};
 use crate::sim::simulate::{InitialState, substeps};
-use crate::statistics::{noise_by_differences, squares_about_mean};
+use crate::statistics::{noise, squares_about_mean};
 use softrig_formats::recording::{Meta, Recording};
 
 /// Cuts the fitted segments into short segments that each start from the measured motion
@@ -225,7 +225,7 @@ fn redundant(recording: &Recording, most: usize) -> usize {
     const SHARE: f64 = 0.01;
     let meets = |signal: &[f64], stride: usize| {
         let allowed = (SHARE * SHARE) * squares_about_mean(signal)
-            + noise_by_differences(signal).powi(2) * 1.5 * signal.len() as f64;
+            + noise(&recording.time, signal).powi(2) * 1.5 * signal.len() as f64;
         let missed: f64 = signal
             .chunks(stride)
             .zip(signal.iter().skip(stride).step_by(stride))

@@ -21,7 +21,9 @@ use std::ops::Range;
 use super::let_go::{Handled, handled};
 use crate::statistics::{clipped, median, rms, standard_deviation};
 use softrig_formats::error::InputError;
+use softrig_formats::left_out::LeftOut;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+use softrig_formats::removed::{Channel, Why};
 
 /// Fewest samples that show a motion. A block with fewer is dropped, and a
 /// recording with fewer usable samples is refused.
@@ -132,6 +134,8 @@ pub enum Matter {
     TooManySamples,
     /// A session was given beside files that were cut from it.
     SegmentFiles,
+    /// Samples that are not believed.
+    LeftOut,
 }
 
 /// A problem of the recordings, and how it is handled.
@@ -157,6 +161,16 @@ impl std::fmt::Display for Concern {
 }
 
 impl Concern {
+    /// What was left out of a recording.
+    pub(crate) fn left_out(recording: &Recording, left_out: &LeftOut) -> Self {
+        Self {
+            matter: Matter::LeftOut,
+            recording: Some(recording.name.clone()),
+            text: left_out.found(),
+            advice: left_out.text.clone(),
+        }
+    }
+
     pub(crate) fn of(
         matter: Matter,
         recording: Option<&Recording>,
@@ -199,7 +213,7 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let clock = Clock::of(recording);
     clock.describe(recording, &mut concerns);
     let pressure = saturated_pressure(recording, &mut concerns);
-    let at_end = clipped(&recording.angle);
+    let at_end = clipped(&recording.time, &recording.angle);
     describe_clipped_angle(recording, &at_end, &mut concerns);
     let beyond = beyond_table(recording, &mut concerns);
 
@@ -207,7 +221,8 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     let mut blocks = Vec::new();
     let mut begin = first;
     let gaps = clock.cuts.iter().chain(&recording.breaks).map(|&k| k..k);
-    let mut cuts: Vec<Range<usize>> = gaps.chain(pressure.cut).collect();
+    let unknown = unknown_pressure(recording);
+    let mut cuts: Vec<Range<usize>> = gaps.chain(pressure.cut).chain(unknown).collect();
     cuts.sort_unstable_by_key(|cut| cut.start);
     let end = recording.len()..recording.len();
     for cut in cuts.into_iter().chain([end]) {
@@ -218,9 +233,17 @@ pub fn usable(recording: &Recording) -> Result<Usable, InputError> {
     }
     drop_short(recording, &mut blocks, &mut concerns);
 
+    let removed = recording.removed_from(Channel::Angle);
+    let removed = removed.map(|it| it.samples.clone());
     let unfitted = within(
         &blocks,
-        &union(at_end.into_iter().chain(beyond).chain(pressure.unfitted)),
+        &union(
+            at_end
+                .into_iter()
+                .chain(beyond)
+                .chain(pressure.unfitted)
+                .chain(removed),
+        ),
     );
     let usable = Usable {
         blocks,
@@ -438,7 +461,7 @@ struct SaturatedPressure {
 fn saturated_pressure(recording: &Recording, concerns: &mut Vec<Concern>) -> SaturatedPressure {
     let pressure = &recording.pressure;
     let highest = pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let ranges: Vec<Range<usize>> = clipped(pressure)
+    let ranges: Vec<Range<usize>> = clipped(&recording.time, pressure)
         .into_iter()
         // A zero that is cut off from below is a tare.
         .filter(|range| pressure[range.start] >= highest)
@@ -509,6 +532,15 @@ fn jumps_to(ranges: &[Range<usize>], recording: &Recording) -> bool {
         let time = recording.time[range.start] - recording.time[before];
         time <= FASTEST_RISE_S && rise > 0.5 * (pressure[range.start] - low)
     })
+}
+
+/// Where the pressure was taken out for longer than it can be bridged.
+fn unknown_pressure(recording: &Recording) -> impl Iterator<Item = Range<usize>> {
+    recording
+        .removed_from(Channel::Pressure)
+        .filter(|it| it.why != Why::Held)
+        .map(|it| it.samples.clone())
+        .filter(|samples| lasts(recording, samples) > BRIDGED_S)
 }
 
 fn describe_clipped_angle(

@@ -5,7 +5,7 @@
 //! two levels. They contain no inertia and damping, and creep and friction appear as
 //! stiffness: they are initial guesses only.
 
-use crate::statistics::{mean, median, moves, noise_by_differences, swing};
+use crate::statistics::{mean, median, moves, noise, swing};
 use softrig_formats::recording::Recording;
 
 /// A level at which a recording stood still.
@@ -32,14 +32,14 @@ const APART: f64 = 0.1;
 /// The levels of a recording's plateaus: at least two blocks in a row in which both signals
 /// stand still. None where nothing moves, which shows no relation.
 pub fn plateaus(recording: &Recording) -> Vec<Level> {
-    if !moves(&recording.angle) {
+    if !moves(&recording.time, &recording.angle) {
         return Vec::new();
     }
     // A fraction of the samples.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let length = (recording.len() as f64 / BLOCKS).max(FEWEST) as usize;
     let still = |signal: &[f64]| {
-        let limit = STILL * swing(signal) + noise_by_differences(signal);
+        let limit = STILL * swing(signal) + noise(&recording.time, signal);
         signal
             .chunks_exact(length)
             .map(|block| {

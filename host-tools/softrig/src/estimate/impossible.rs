@@ -1,0 +1,657 @@
+//! Samples that no motion can reach.
+//!
+//! A loose contact, a torn line, a converter with all bits set or a filter that holds its last
+//! value write numbers that the actuator never had. One of them is worth more to a sum of squares
+//! than a thousand good samples: the noise looks large, and every missing effect hides below it.
+//! They are found before anything else looks at a recording, by four marks, each of which asks
+//! for more than a fast motion can give:
+//!
+//! | mark | what shows it |
+//! |---|---|
+//! | isolated | one sample far from two neighbours on both sides, which agree with each other |
+//! | out of reach | samples beyond the range of the others by more than twice that range, entered and left in one step |
+//! | repeated | a value that comes back to its last digit, each time entered and left in one step |
+//! | frozen | a channel with noise that stays at one value to the last digit |
+//!
+//! and a channel that is slower than its rows is *held*: sampled where it changes.
+//!
+//! How far is far is measured by the recording itself: the usual distance of a sample from its
+//! neighbours (a median, which wild samples do not move), a five-hundredth of its range, and the step
+//! of its converter. A pulse of a recorded command is no fault of a sensor, and an angle that
+//! answers a pulse of the pressure is none either.
+//!
+//! Nothing is repaired silently. What is found stays in the recording's list of removed samples
+//! with the recorded values; a straight line stands in its place, so that sums over a recording
+//! keep their sense; the angle there is not fitted, and the pressure is bridged.
+
+use std::ops::Range;
+
+use crate::statistics::{median, quantisation_step};
+use softrig_formats::error::InputError;
+use softrig_formats::left_out::{LeftOut, What};
+use softrig_formats::recording::Recording;
+use softrig_formats::removed::{Channel, Why};
+
+/// A sample is far from its neighbours from so many usual distances: of 10⁵ samples with
+/// normal noise none is.
+const FAR: f64 = 8.0;
+
+/// The distance is larger than what the neighbours differ by, so many times.
+const APART: f64 = 3.0;
+
+/// Share of the range that counts as usual distance at least.
+const LEAST_SHARE: f64 = 2e-3;
+
+/// A value is out of reach beyond the range of the others by so many ranges.
+const OUT_OF_REACH: f64 = 2.0;
+
+/// Most samples in a row that can be isolated.
+const ISOLATED: usize = 3;
+
+/// A command jumps by so large a share of the range.
+const JUMP: f64 = 0.1;
+
+/// Coarsest step of a converter, as a share of the range.
+const COARSEST: f64 = 0.02;
+
+/// Passes of the search: an impossible sample may hide behind another.
+const PASSES: usize = 3;
+
+/// Largest share of impossible samples in a channel; with more the channel is not believed.
+const MOST: f64 = 0.05;
+
+/// Share of equal successive samples from which a channel has too little noise to tell a frozen
+/// value from a rest.
+const QUIET: f64 = 0.3;
+
+/// Fewest equal samples that can be a frozen value.
+const FROZEN: usize = 10;
+
+/// Share of runs of equal samples that have the usual length where a channel is held.
+const HELD: f64 = 0.98;
+
+/// Fewest samples with which anything can be said.
+const FEWEST: usize = 20;
+
+/// The recording without what no motion can reach, and the list of it.
+///
+/// # Errors
+///
+/// Refuses a recording with too many impossible samples, by file, channel and the first lines.
+pub fn cleaned(recording: &Recording) -> Result<Recording, InputError> {
+    if recording.len() < FEWEST || !recording.removed.is_empty() {
+        return Ok(recording.clone());
+    }
+    let mut clean = recording.clone();
+    if let Some(sampled) = sampled_together(recording) {
+        clean = recording.picked(&sampled);
+        let places = (0..recording.len())
+            .filter(|k| sampled.binary_search(k).is_err())
+            .map(|k| recording.place(k));
+        clean.left_out.push(LeftOut::new(
+            What::HeldRow,
+            &recording.path,
+            places,
+            "left out; both channels are sampled where they change",
+        ));
+    }
+    let recording = &clean.clone();
+    let pressure = Signal::of(recording, Channel::Pressure);
+    let of_pressure = pressure.impossible(&|_| false);
+    let pulses = pressure.pulses(&of_pressure);
+    let answers_a_pulse = |sample: usize| {
+        pulses
+            .iter()
+            .any(|pulse| (*pulse..*pulse + 3).contains(&sample))
+    };
+    let of_angle = Signal::of(recording, Channel::Angle).impossible(&answers_a_pulse);
+    for (channel, mut found) in [(Channel::Pressure, of_pressure), (Channel::Angle, of_angle)] {
+        found.extend(held(recording, channel));
+        clean.remove(channel, found);
+    }
+    refuse_unbelievable(&clean)?;
+    let removed = clean.what_was_removed();
+    clean.left_out.extend(removed);
+    Ok(clean)
+}
+
+/// Refuses a recording of which too much is impossible.
+fn refuse_unbelievable(recording: &Recording) -> Result<(), InputError> {
+    for channel in [Channel::Pressure, Channel::Angle] {
+        let all = || {
+            recording
+                .removed_from(channel)
+                .filter(|it| it.why.is_fault())
+        };
+        let count: usize = all().map(|it| it.samples.len()).sum();
+        if count as f64 > MOST * recording.len() as f64 {
+            let first: Vec<String> = all()
+                .take(3)
+                .map(|it| recording.place(it.samples.start))
+                .collect();
+            return Err(InputError::new(
+                format!(
+                    "{count} of {} samples of the {channel} are impossible ({:.0} %), the first at {}: the {channel} cannot be believed",
+                    recording.len(),
+                    100.0 * count as f64 / recording.len() as f64,
+                    first.join(", ")
+                ),
+                "look at the sensor's cable and at the logger, and record it again; or delete those rows, if the others are right",
+            )
+            .in_file(&recording.path));
+        }
+    }
+    Ok(())
+}
+
+/// A stretch of samples that are not believed.
+type Found = (Range<usize>, Why);
+
+/// A channel, with what is usual in it.
+struct Signal<'a> {
+    channel: Channel,
+    values: &'a [f64],
+    /// Lowest and highest value of nearly all samples.
+    range: [f64; 2],
+    /// Usual distance of a sample from its neighbours.
+    usual: f64,
+    /// What nearly all changes from one sample to the next stay below.
+    change: f64,
+    /// Whether it is a recorded command: it stands still to the last digit, and jumps.
+    is_command: bool,
+}
+
+impl<'a> Signal<'a> {
+    fn of(recording: &'a Recording, channel: Channel) -> Self {
+        let values = recording.channel(channel);
+        let sorted = sorted(values.iter().copied());
+        let range = [part_of(&sorted, 0.01), part_of(&sorted, 0.99)];
+        let size = range[1] - range[0];
+        // Coarser levels are those of a command.
+        let step = quantisation_step(values).min(COARSEST * size);
+        let mut distances: Vec<f64> = values
+            .windows(5)
+            .map(|w| (w[2] - Around::of([w[0], w[1], w[3], w[4]]).middle).abs())
+            .collect();
+        let usual = (1.4826 * median(&mut distances))
+            .max(LEAST_SHARE * size)
+            .max(0.5 * step)
+            .max(f64::MIN_POSITIVE);
+        let changes = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let lasting = values
+            .windows(3)
+            .filter(|w| (w[2] - w[0]).abs() > 0.5 * (w[1] - w[0]).abs())
+            .map(|w| (w[1] - w[0]).abs())
+            .fold(0.0, f64::max);
+        let still = changes().filter(|change| *change == 0.0).count();
+        let stands_still = still as f64 > QUIET * values.len() as f64;
+        Self {
+            channel,
+            values,
+            range,
+            usual,
+            change: part_of(&self::sorted(changes()), 0.99),
+            is_command: channel == Channel::Pressure && stands_still && lasting > JUMP * size,
+        }
+    }
+
+    /// Whether a value lies beyond the others' range by more than that range twice.
+    fn is_out_of_reach(&self, value: f64) -> bool {
+        let beyond = (self.range[0] - value).max(value - self.range[1]);
+        beyond > OUT_OF_REACH * self.size()
+    }
+
+    /// The range of nearly all samples.
+    fn size(&self) -> f64 {
+        (self.range[1] - self.range[0]).max(self.usual)
+    }
+
+    /// All that is not believed in this channel, in order; what is `excused` has a cause.
+    fn impossible(&self, excused: &dyn Fn(usize) -> bool) -> Vec<Found> {
+        let mut bad = vec![None; self.values.len()];
+        let equal: Vec<Range<usize>> = equal_runs(self.values).collect();
+        let runs = [
+            self.out_of_reach(),
+            self.repeated(&equal, excused),
+            self.frozen(&equal),
+        ];
+        for (run, why) in runs.into_iter().flatten() {
+            for sample in run {
+                bad[sample].get_or_insert(why);
+            }
+        }
+        for _ in 0..PASSES {
+            let kept: Vec<usize> = (0..bad.len()).filter(|&k| bad[k].is_none()).collect();
+            let found: Vec<usize> = self
+                .standing_out(&kept)
+                .chain(self.at_the_ends(&kept))
+                .filter(|&k| {
+                    self.is_out_of_reach(self.values[k]) || !(self.is_command || excused(k))
+                })
+                .collect();
+            if found.is_empty() {
+                break;
+            }
+            for sample in found {
+                bad[sample] = Some(Why::Isolated);
+            }
+        }
+        stretches(&bad)
+    }
+
+    /// Up to [`ISOLATED`] of the `kept` samples in a row that stand out from two on both sides,
+    /// which agree with each other.
+    fn standing_out(&self, kept: &[usize]) -> impl Iterator<Item = usize> {
+        (1..=ISOLATED).flat_map(move |run| {
+            kept.windows(4 + run)
+                .flat_map(move |w| {
+                    let at = |k: usize| self.values[w[k]];
+                    let around = Around::of([at(0), at(1), at(2 + run), at(3 + run)]);
+                    let least = (2..2 + run)
+                        .map(|k| at(k) - around.middle)
+                        .reduce(nearer_to_zero)
+                        .unwrap_or(0.0);
+                    // More than one sample may be a motion, if there are others as fast.
+                    let others = if run > 1 { self.change } else { 0.0 };
+                    let stands_out = least.abs() > FAR * self.usual
+                        && least.abs() > APART * around.apart.max(others);
+                    w[2..2 + run].iter().copied().filter(move |_| stands_out)
+                })
+                .collect::<Vec<_>>()
+        })
+    }
+
+    /// The first two and the last two of the `kept` samples, where they stand out from the next
+    /// ones by more than any two others do.
+    fn at_the_ends(&self, kept: &[usize]) -> impl Iterator<Item = usize> {
+        // A recording may begin or end with a step of its pressure.
+        let kept = if self.channel == Channel::Angle {
+            kept
+        } else {
+            &[]
+        };
+        let change = |pair: &[usize]| (self.values[pair[1]] - self.values[pair[0]]).abs();
+        let inner = kept.get(2..kept.len().saturating_sub(2)).unwrap_or(&[]);
+        let largest = inner
+            .windows(2)
+            .map(change)
+            .fold(FAR * self.usual, f64::max);
+        let (first, last) = (inner.first().copied(), inner.last().copied());
+        let far = move |sample: usize, from: usize| {
+            (self.values[sample] - self.values[from]).abs() > 2.0 * APART * largest
+        };
+        let begin = kept.iter().take(2).copied().zip(first.into_iter().cycle());
+        let end = kept
+            .iter()
+            .rev()
+            .take(2)
+            .copied()
+            .zip(last.into_iter().cycle());
+        begin
+            .chain(end)
+            .filter(move |(sample, from)| far(*sample, *from))
+            .map(|(sample, _)| sample)
+            .collect::<Vec<_>>()
+            .into_iter()
+    }
+
+    /// Samples far beyond the others, entered and left in one step from among them. A recording of
+    /// a pressure may begin or end far from most of it.
+    fn out_of_reach(&self) -> Vec<Found> {
+        let is_out: Vec<Option<Why>> = self
+            .values
+            .iter()
+            .map(|value| self.is_out_of_reach(*value).then_some(Why::OutOfReach))
+            .collect();
+        let is_step = |from: usize, to: usize| match (self.values.get(from), self.values.get(to)) {
+            (Some(from), Some(to)) => (to - from).abs() > OUT_OF_REACH * self.size(),
+            _ => self.channel == Channel::Angle,
+        };
+        let mut found = stretches(&is_out);
+        found.retain(|(run, _)| {
+            is_step(run.start.wrapping_sub(1), run.start) && is_step(run.end - 1, run.end)
+        });
+        found
+    }
+
+    /// Runs of one value, entered and left by steps that no other sample makes.
+    fn repeated(&self, equal: &[Range<usize>], excused: &dyn Fn(usize) -> bool) -> Vec<Found> {
+        let values = self.values;
+        equal
+            .iter()
+            .filter(|run| !self.is_command && run.len() >= 2)
+            .filter(|run| run.start > 0 && run.end < values.len())
+            .filter(|run| {
+                let entered = values[run.start] - values[run.start - 1];
+                let left = values[run.end] - values[run.start];
+                let [larger, smaller] =
+                    [entered.abs().max(left.abs()), entered.abs().min(left.abs())];
+                entered * left < 0.0
+                    && smaller > self.limit()
+                    && larger - smaller < 0.5 * larger
+                    && !(*run).clone().any(excused)
+            })
+            .map(|run| (run.clone(), Why::Repeated))
+            .collect()
+    }
+
+    /// Runs of one value that are too long for the noise of the channel, and end with a step that
+    /// no other sample makes: the channel catches up with what went on.
+    fn frozen(&self, equal: &[Range<usize>]) -> Vec<Found> {
+        let is_long = |run: &&Range<usize>| run.len() >= FROZEN;
+        let short = || equal.iter().filter(|run| !is_long(run));
+        let samples: usize = short().map(ExactSizeIterator::len).sum();
+        let share = (samples - short().count()) as f64 / samples.max(1) as f64;
+        let by_chance = libm::log(self.values.len() as f64) / -libm::log(share.max(1e-3));
+        // A channel that rests to the last digit elsewhere may rest here.
+        if share > QUIET || 2 * samples < self.values.len() {
+            return Vec::new();
+        }
+        equal
+            .iter()
+            .filter(|run| is_long(run) && run.len() as f64 > APART * (by_chance + 1.0))
+            .filter(|run| {
+                let next = self.values.get(run.end);
+                next.is_some_and(|next| (next - self.values[run.start]).abs() > self.limit())
+            })
+            // The first of them was measured.
+            .map(|run| (run.start + 1..run.end, Why::Frozen))
+            .collect()
+    }
+
+    /// The step from one sample to the next that no motion makes.
+    fn limit(&self) -> f64 {
+        (FAR * self.usual).max(APART * self.change)
+    }
+
+    /// Samples that stand out and are believed: pulses that happened.
+    fn pulses(&self, removed: &[Found]) -> Vec<usize> {
+        let all: Vec<usize> = (0..self.values.len()).collect();
+        self.standing_out(&all)
+            .filter(|sample| !removed.iter().any(|(run, _)| run.contains(sample)))
+            .collect()
+    }
+}
+
+/// What the neighbours of a sample agree on.
+struct Around {
+    /// Their median.
+    middle: f64,
+    /// Their largest distance from it.
+    apart: f64,
+}
+
+impl Around {
+    fn of(mut neighbours: [f64; 4]) -> Self {
+        let middle = median(&mut neighbours);
+        let apart = neighbours
+            .iter()
+            .map(|it| (it - middle).abs())
+            .fold(0.0, f64::max);
+        Self { middle, apart }
+    }
+}
+
+/// The smaller of two distances on the same side; zero for two sides.
+fn nearer_to_zero(a: f64, b: f64) -> f64 {
+    if a * b <= 0.0 {
+        0.0
+    } else if a.abs() < b.abs() {
+        a
+    } else {
+        b
+    }
+}
+
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted
+}
+
+/// The value below which a share of the sorted ones lies.
+fn part_of(sorted: &[f64], share: f64) -> f64 {
+    // A share of the last index.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
+    sorted.get(index).copied().unwrap_or(0.0)
+}
+
+/// Ranges of successive samples with the same value.
+fn equal_runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> {
+    values.chunk_by(|a, b| a == b).scan(0, |start, run| {
+        let range = *start..*start + run.len();
+        *start = range.end;
+        Some(range)
+    })
+}
+
+/// Ranges of samples with the same mark.
+fn stretches(marks: &[Option<Why>]) -> Vec<Found> {
+    let mut start = 0;
+    let mut found = Vec::new();
+    for run in marks.chunk_by(|a, b| a == b) {
+        if let Some(why) = run[0] {
+            found.push((start..start + run.len(), why));
+        }
+        start += run.len();
+    }
+    found
+}
+
+/// Whether a channel is slower than the rows: nearly all runs of equal samples have the same length
+/// or one more, noise would not repeat a value, and the steps between them are neither those of a
+/// converter nor those of a command.
+fn is_held(recording: &Recording, channel: Channel) -> bool {
+    let values = recording.channel(channel);
+    let runs: Vec<Range<usize>> = equal_runs(values).collect();
+    // The first and the last may be cut.
+    let Some(inner) = runs.get(1..runs.len().saturating_sub(1)) else {
+        return false;
+    };
+    if inner.len() < FEWEST {
+        return false;
+    }
+    let length = values.len() / runs.len();
+    let usual = |run: &&Range<usize>| run.len() == length || run.len() == length + 1;
+    let alike = inner.iter().filter(usual).count() as f64 >= HELD * inner.len() as f64;
+    let single = inner.iter().filter(|run| run.len() == 1).count();
+    let longest = inner.iter().map(ExactSizeIterator::len).max().unwrap_or(0);
+    if !alike || 2 * single > inner.len() || longest > 4 * (length + 1) {
+        return false;
+    }
+    let levels: Vec<f64> = inner.iter().map(|run| values[run.start]).collect();
+    let middle = |sizes: Vec<f64>| median(&mut { sizes });
+    let step = middle(levels.windows(2).map(|w| (w[1] - w[0]).abs()).collect());
+    let bend = middle(
+        levels
+            .windows(3)
+            .map(|w| (0.5 * (w[0] + w[2]) - w[1]).abs())
+            .collect(),
+    );
+    let is_smooth = channel == Channel::Angle || bend < 0.5 * step;
+    is_smooth && step > 1.5 * quantisation_step(values)
+}
+
+/// The rows at which both channels are sampled, if the angle is slower than the rows and the
+/// pressure changes nowhere else.
+fn sampled_together(recording: &Recording) -> Option<Vec<usize>> {
+    if !is_held(recording, Channel::Angle) {
+        return None;
+    }
+    let changes = |values: &[f64], k: usize| k == 0 || values[k] != values[k - 1];
+    let rows = 0..recording.len();
+    let angle: Vec<usize> = rows
+        .clone()
+        .filter(|&k| changes(&recording.angle, k))
+        .collect();
+    let both: Vec<usize> = rows
+        .filter(|&k| changes(&recording.angle, k) || changes(&recording.pressure, k))
+        .collect();
+    (HELD * both.len() as f64 <= angle.len() as f64).then_some(both)
+}
+
+/// The repeats of a held channel.
+fn held(recording: &Recording, channel: Channel) -> Vec<Found> {
+    if !is_held(recording, channel) {
+        return Vec::new();
+    }
+    equal_runs(recording.channel(channel))
+        .filter(|run| run.len() > 1)
+        .map(|run| (run.start + 1..run.end, Why::Held))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use softrig_formats::recording::Recording;
+
+    /// Thirty seconds at 100 Hz of steps of the pressure and of an angle that follows, both with
+    /// noise.
+    fn steps(noise: f64) -> Recording {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(3);
+        let mut draw = || random.random_range(-1.0..1.0) * noise;
+        let time: Vec<f64> = (0..3_000).map(|k| f64::from(k) * 0.01).collect();
+        let mut angle = 0.0;
+        let (mut pressures, mut angles) = (Vec::new(), Vec::new());
+        for t in &time {
+            let pressure = if (t / 5.0) as i64 % 2 == 1 { 50e3 } else { 0.0 };
+            angle += 0.02 * (pressure / 50e3 - angle);
+            pressures.push(pressure + 1e4 * draw());
+            angles.push(angle + draw());
+        }
+        Recording {
+            time,
+            pressure: pressures,
+            angle: angles,
+            ..Recording::default()
+        }
+    }
+
+    fn found(recording: &Recording, channel: Channel) -> Vec<(usize, usize)> {
+        let clean = cleaned(recording).unwrap();
+        let of_channel = clean.removed_from(channel);
+        of_channel
+            .map(|it| (it.samples.start, it.samples.len()))
+            .collect()
+    }
+
+    #[test]
+    fn nothing_is_found_where_nothing_is_wrong() {
+        for noise in [0.0, 1e-4, 0.01, 0.2] {
+            let clean = cleaned(&steps(noise)).unwrap();
+            assert_eq!(clean.removed, [], "{noise}");
+            assert_eq!(clean.left_out, []);
+        }
+    }
+
+    /// Whatever the value, wherever it lies, in both channels.
+    #[test]
+    fn single_wild_samples_are_found_with_their_value() {
+        for (sample, value) in [
+            (0, 9.0),
+            (40, 0.5),
+            (777, -8.0),
+            (1_300, 655.35),
+            (2_999, -3.0),
+        ] {
+            let mut wild = steps(0.01);
+            wild.angle[sample] = value;
+            let clean = cleaned(&wild).unwrap();
+            assert_eq!(clean.removed.len(), 1, "{sample}");
+            assert_eq!(clean.removed[0].values, [value]);
+            assert_eq!(clean.removed[0].samples, sample..sample + 1);
+            assert!((clean.angle[sample] - steps(0.01).angle[sample]).abs() < 0.05);
+            assert_eq!(clean.angle.len(), 3_000);
+        }
+        let mut wild = steps(0.01);
+        wild.pressure[900] = 9e6;
+        assert_eq!(found(&wild, Channel::Pressure), [(900, 1)]);
+        assert_eq!(found(&wild, Channel::Angle), []);
+    }
+
+    #[test]
+    fn a_value_that_comes_back_is_found_inside_the_range_and_in_runs() {
+        let mut wild = steps(0.01);
+        for (start, count) in [(620, 1), (700, 2), (1_700, 30), (2_800, 4)] {
+            wild.angle[start..start + count].fill(0.0);
+        }
+        // By then the angle is above 0.3.
+        assert_eq!(
+            found(&wild, Channel::Angle),
+            [(620, 1), (700, 2), (1_700, 30), (2_800, 4)]
+        );
+        for sample in (0..3_000).step_by(500) {
+            wild.angle[sample + 30] = -9_999.0;
+            wild.angle[sample + 31] = -9_999.0;
+        }
+        assert_eq!(found(&wild, Channel::Angle).len(), 10);
+    }
+
+    #[test]
+    fn a_pulse_of_the_command_and_its_answer_are_believed() {
+        let mut pulsed = steps(0.0);
+        pulsed.pressure[1_200] = 50e3;
+        assert_eq!(found(&pulsed, Channel::Pressure), []);
+        let mut answered = steps(0.001);
+        answered.pressure = steps(0.0).pressure;
+        answered.pressure[1_200] = 50e3;
+        answered.angle[1_201] += 0.2;
+        assert_eq!(found(&answered, Channel::Angle), []);
+        answered.angle[2_400] += 0.2;
+        assert_eq!(found(&answered, Channel::Angle), [(2_400, 1)]);
+    }
+
+    #[test]
+    fn a_frozen_value_is_found_by_its_missing_noise() {
+        let mut frozen = steps(0.01);
+        let value = frozen.angle[1_000];
+        frozen.angle[1_000..1_080].fill(value);
+        assert_eq!(found(&frozen, Channel::Angle), [(1_001, 79)]);
+        // A rest that ends without a step is a rest.
+        let mut rest = steps(0.01);
+        let value = rest.angle[999];
+        rest.angle[920..999].fill(value);
+        assert_eq!(found(&rest, Channel::Angle), []);
+        // So is one of a converter that does not show the noise.
+        let mut coarse = steps(0.001);
+        for angle in &mut coarse.angle {
+            *angle = (*angle / 0.02).round() * 0.02;
+        }
+        assert_eq!(found(&coarse, Channel::Angle), []);
+    }
+
+    #[test]
+    fn a_channel_slower_than_its_rows_is_sampled_where_it_changes() {
+        let even = |values: &[f64], held: usize| -> Vec<f64> {
+            (0..values.len()).map(|k| values[k / held * held]).collect()
+        };
+        let mut held = steps(0.01);
+        held.pressure = even(&held.pressure, 2);
+        held.angle = even(&held.angle, 2);
+        let clean = cleaned(&held).unwrap();
+        assert_eq!((clean.len(), clean.removed.len()), (1_500, 0));
+        assert_eq!(clean.left_out[0].count, 1_500);
+        let mut slow = steps(0.01);
+        slow.angle = even(&slow.angle, 5);
+        let clean = cleaned(&slow).unwrap();
+        assert_eq!(clean.measured(Channel::Angle).0.len(), 600);
+        assert_eq!(clean.measured(Channel::Pressure).0.len(), 3_000);
+    }
+
+    #[test]
+    fn a_channel_that_is_mostly_impossible_is_refused_with_its_lines() {
+        let mut wild = steps(0.01);
+        for sample in (1..3_000).step_by(15) {
+            wild.angle[sample] = 99.0;
+        }
+        let refused = cleaned(&wild).unwrap_err().to_string();
+        assert!(
+            refused.contains("200 of 3000 samples of the angle"),
+            "{refused}"
+        );
+        assert!(refused.contains("sample 2"), "{refused}");
+    }
+}
