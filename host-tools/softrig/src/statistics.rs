@@ -169,6 +169,19 @@ pub fn noise_by_order(time: &[f64], values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// The standard deviation of a signal's noise, if differences of all high orders agree on it: then
+/// it is white, and nearly nothing else shows in them.
+pub fn agreed_noise(time: &[f64], values: &[f64]) -> Option<f64> {
+    /// Estimates agree within this share.
+    const AGREEMENT: f64 = 0.2;
+    let orders = noise_by_order(time, values);
+    // The lowest orders still see the motion.
+    let fast = orders.get(2..)?;
+    let low = fast.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = fast.iter().copied().fold(0.0, f64::max);
+    (low > 0.0 && high <= (1.0 + AGREEMENT) * low).then_some(low)
+}
+
 /// Whether nearly all intervals are the usual one, up to the rounding of the times.
 fn is_even(time: &[f64]) -> bool {
     const NEARLY_ALL: f64 = 0.95;

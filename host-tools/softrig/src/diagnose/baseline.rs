@@ -72,7 +72,10 @@ impl Baseline {
         let data = with_guesses(data, &refit.fit);
         let guessed = Fitter::new(nominal, &data);
         Ok(Self {
-            floor: floor.clone().with_input(&guessed, &refit.fit),
+            floor: floor
+                .clone()
+                .seen_by(&refit.fit, &data)
+                .with_input(&guessed, &refit.fit),
             nominal: fitter.compare(nominal),
             refit,
             file,

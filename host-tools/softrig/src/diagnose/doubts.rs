@@ -37,6 +37,9 @@ pub enum Doubt {
     LoadedOnce,
     /// Its line is a multiple of the drive's own frequency.
     Drive,
+    /// An offset of the sensor beside an actuator that creeps: the rest that it was taken from
+    /// still moved.
+    CreepingRest,
 }
 
 impl Doubt {
@@ -55,6 +58,11 @@ impl Doubt {
             Some(Self::Undetermined)
         } else if candidate.added.contains(&Kind::MullinsSoftening) && !is_loaded_again(data) {
             Some(Self::LoadedOnce)
+        } else if [Kind::SensorOffset, Kind::MaxwellBranch]
+            .iter()
+            .all(|kind| candidate.added.contains(kind))
+        {
+            Some(Self::CreepingRest)
         } else {
             effects
                 .frequencies()

@@ -17,11 +17,14 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::policy::Search;
-use crate::estimate::Session;
+use crate::estimate::filter::noise_floor;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::{Nuisance, rest_at_start};
 use crate::estimate::smooth::noise_of;
-use crate::statistics::{coloured_rms, mean, quantisation_step, rms, standard_deviation};
+use crate::estimate::{Dataset, Session};
+use crate::statistics::{
+    agreed_noise, coloured_rms, mean, quantisation_step, rms, standard_deviation,
+};
 use softrig_formats::recording::{Meta, Recording};
 use softrig_formats::removed::Channel;
 
@@ -30,8 +33,12 @@ use softrig_formats::removed::Channel;
 pub struct NoiseFloor {
     /// RMS over all recordings (rad).
     pub rms: f64,
-    /// White noise of the angle (rad), from differences of high order.
+    /// White noise of the angle (rad): from differences of high order, or where these disagree
+    /// ([`NoiseFloor::seen_by`]) what a filter does not foresee.
     pub white: f64,
+    /// Whether differences of all high orders agree on the white noise. They do not where motion,
+    /// late time stamps or coarse sampling count as noise.
+    pub agreed: bool,
     /// Standard deviation of residuals between repeats (rad), once a fit is known and if
     /// there are any.
     pub repeats: Option<f64>,
@@ -61,6 +68,10 @@ impl NoiseFloor {
             .iter()
             .map(|recording| noise_of(recording, Channel::Angle))
             .collect();
+        let agreed = recordings.iter().all(|recording| {
+            let (time, angle) = recording.measured(Channel::Angle);
+            agreed_noise(&time, &angle).is_some()
+        });
         let white = rms(&each);
         let quantisation_step = recordings
             .iter()
@@ -73,11 +84,30 @@ impl NoiseFloor {
         Self {
             rms: white.max(steps).max(rest.unwrap_or(0.0)),
             white,
+            agreed,
             repeats: None,
             rest,
             quantisation_step,
             input: 0.0,
             groups,
+        }
+    }
+
+    /// The floor with the noise that a filter of the fitted model sees, where differences disagree
+    /// on it: it is the smaller one, since motion can only raise both.
+    pub fn seen_by(self, fit: &Fit, data: &Dataset) -> Self {
+        if self.agreed {
+            return self;
+        }
+        let Some(seen) = noise_floor(&fit.model, data, &fit.nuisances, self.white) else {
+            return self;
+        };
+        let white = self.white.min(seen);
+        let steps = self.quantisation_step / 12f64.sqrt();
+        Self {
+            rms: white.max(steps).max(self.rest.unwrap_or(0.0)),
+            white,
+            ..self
         }
     }
 

@@ -18,6 +18,7 @@ use crate::sim::board::{OnBoard, Unseen};
 use crate::sim::simulate::{
     FromF64, Grain, InitialState, Origin, Signal, Stepping, Trajectory, run_as_it_is, run_from,
 };
+use crate::statistics::swing;
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
 use softrig_formats::setup::{NewPart, Setup};
@@ -381,10 +382,30 @@ impl Dataset {
         self.sessions.push(Arc::new(session));
     }
 
-    /// The same data with what is said of each session counted from those before it: lengths of
-    /// tubes from the first that is said, and how far the actuator was bent.
+    /// The same data with the zero of each session's input known by the range that all of them
+    /// used: they have the same sensor.
+    fn in_one_range(self) -> Self {
+        let used = self.sessions.iter();
+        let range = used
+            .map(|session| swing(&session.recording.pressure))
+            .fold(0.0, f64::max);
+        self.mapped(|_, session| {
+            let prior = session.prior.in_range(&session.recording, range)?;
+            Some(Session {
+                prior,
+                ..session.clone()
+            })
+        })
+    }
+
+    /// The same data with what belongs to all sessions: the range of the input, lengths of tubes
+    /// from the first that is said, and how far the actuator was bent before.
     #[must_use]
     pub fn in_order(self) -> Self {
+        self.in_one_range().placed_in_order()
+    }
+
+    fn placed_in_order(self) -> Self {
         let mut sessions = self.sessions.iter();
         if sessions.all(|session| session.recording.meta.setup.is_none()) {
             return self;

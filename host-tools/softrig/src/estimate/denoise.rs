@@ -15,7 +15,7 @@
 //! third of a second and longer the pressure is as measured. A pressure whose fast part
 //! is not white has no separable noise and is left unchanged.
 
-use crate::statistics::{median, noise_by_order};
+use crate::statistics::{agreed_noise, median};
 use softrig_formats::recording::Recording;
 
 /// Half widths of the windows, in samples. A parabola goes through three samples
@@ -28,7 +28,7 @@ const CONFIDENCE: f64 = 2.5;
 /// Half width (s) of the window over which the difference is added back.
 const GIVEN_BACK: f64 = 0.16;
 
-/// Noise counts as white if differences of all orders agree within this share.
+/// Noise counts as white if its typical size agrees with its RMS within this share.
 const AGREEMENT: f64 = 0.2;
 
 /// The pressure (Pa) of a recording without its white noise.
@@ -104,14 +104,10 @@ fn smoothed(values: &[f64], even: &[bool], half: usize) -> Vec<f64> {
 /// The standard deviation of a signal's noise, if it is white: differences of all
 /// orders agree on it, and it is everywhere, not in a few edges.
 fn white_noise(time: &[f64], values: &[f64]) -> Option<f64> {
-    let orders = noise_by_order(time, values);
-    // The lowest orders still see the motion.
-    let fast = orders.get(2..)?;
-    let low = fast.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = fast.iter().copied().fold(0.0, f64::max);
+    let low = agreed_noise(time, values)?;
     let typical = typical_noise(values);
     let agree = |other: f64| other <= (1.0 + AGREEMENT) * low && low <= (1.0 + AGREEMENT) * other;
-    (low > 0.0 && agree(high) && agree(typical)).then_some(low)
+    agree(typical).then_some(low)
 }
 
 /// Noise from the median of fourth differences, which a few edges do not move.

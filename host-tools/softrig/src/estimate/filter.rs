@@ -271,18 +271,54 @@ pub fn normalised(
         let nuisance = &nuisances[index];
         let zero = Dual::constant(nuisance.pressure_zero);
         let passed = pass(&dual, session, nuisance, zero, level, 0)?;
+        let silence = session.silence();
         for range in ranges {
-            let innovations = &passed[range];
-            sum += innovations
-                .iter()
-                .map(|it| libm::log(it.variance))
-                .sum::<f64>();
-            count += innovations.len();
+            let measured = || range.clone().filter(|&k| !silence[k]).map(|k| &passed[k]);
+            sum += measured().map(|it| libm::log(it.variance)).sum::<f64>();
+            count += measured().count();
             let over_spread = |it: &Innovation<2>| it.error.value() / it.variance.sqrt();
-            series.push(innovations.iter().map(over_spread).collect());
+            series.push(measured().map(over_spread).collect());
         }
     }
     Some((series, sum / count.max(1) as f64))
+}
+
+/// The noise of the angle (rad): the usual size of what the filter of `model` does not foresee at
+/// the most likely random force, over so many samples as are enough to know it by a few percent.
+///
+/// A random force takes up what the model lacks, and a time that is missing or late is no motion
+/// to it: unlike differences between neighbours, it holds at any spacing of the samples. `noise`
+/// is where the search for that force begins.
+pub fn noise_floor(
+    model: &Model<f64>,
+    data: &Dataset,
+    nuisances: &[Nuisance],
+    noise: f64,
+) -> Option<f64> {
+    /// The relative error of a median of so many innovations is 2 %.
+    const ENOUGH: usize = 4_000;
+    /// First innovations of a segment, in which the filter finds its way.
+    const SETTLING: usize = 3;
+    let mut samples = 0;
+    let places: Vec<usize> = data
+        .fitted()
+        .take_while(|segment| {
+            let takes = samples < ENOUGH;
+            samples += segment.recording.len();
+            takes
+        })
+        .enumerate()
+        .map(|(place, _)| place)
+        .collect();
+    let part = data.only(&places);
+    let pace = Pace::of(data);
+    let level = *levels(model, &part, nuisances, noise, pace).first()?;
+    let (series, _) = normalised(model, &part, nuisances, &level)?;
+    let settled: Vec<f64> = series
+        .iter()
+        .flat_map(|series| series.iter().skip(SETTLING).copied())
+        .collect();
+    Some(robust_deviation(&settled)).filter(|noise| noise.is_finite())
 }
 
 /// −2 log L of the measured angles at a level, with the noise profiled out and without the

@@ -11,7 +11,7 @@
 //!
 //! | symbol | quantity | prior |
 //! |---|---|---|
-//! | p₀ | zero of the pressure (Pa) | the calibration, else 0 ± 0.5 kPa |
+//! | p₀ | zero of the pressure (Pa) | the calibration, else 0 ± 1 % of the range that was used |
 //! | b | zero of the angle (rad) | the calibration, else 0 ± 2° |
 //! | s | measured angle at the first sample (rad) | the rest, or a parabola |
 //! | r | its rate (rad/s) | the same |
@@ -45,17 +45,18 @@ use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 use softrig_formats::removed::Channel;
 use softrig_formats::setup::Setup;
 
-/// Standard deviation of the pressure's zero where the metadata has no
-/// calibration (Pa): the offset of an 80 psi sensor after a tare.
-const PRESSURE_ZERO_SD_PA: f64 = 500.0;
+/// Standard deviation of the input's zero where the metadata has no calibration, as a share of
+/// the range that was used: sensors are sold with an offset of one to two percent of their span,
+/// of which a rig uses a part.
+const INPUT_ZERO_SHARE: f64 = 0.01;
 
 /// Standard deviation of the angle's zero where the metadata has no
 /// calibration (rad): 2°, how well a flex sensor is put back in its place.
 const ANGLE_ZERO_SD_RAD: f64 = 0.034_906_585_039_886_59;
 
-/// Standard deviation of the pressure's zero between the recordings of one sitting
-/// (Pa): what a third of a degree of warming moves an 80 psi sensor.
-const PRESSURE_ZERO_APART_PA: f64 = 50.0;
+/// Standard deviation of the input's zero between the recordings of one sitting, as a share of
+/// its own: what a third of a degree of warming moves an 80 psi sensor.
+const INPUT_ZERO_APART: f64 = 0.1;
 
 /// Standard deviation of the angle's zero between the recordings of one sitting
 /// (rad): 0.1°, the set of a flex sensor that was bent.
@@ -152,9 +153,8 @@ impl Prior {
             .max(quantisation_step(&recording.angle) / 12f64.sqrt())
             .max(1e-6);
         let calibration = recording.meta.calibration.as_ref();
-        let pressure_zero = calibration
-            .and_then(|known| known.pressure_zero_sd_kpa)
-            .map_or(PRESSURE_ZERO_SD_PA, |sd| sd * PASCAL_PER_KPA);
+        let pressure_zero = pressure_zero_sd(recording)
+            .unwrap_or_else(|| INPUT_ZERO_SHARE * swing(&recording.pressure));
         // A constant pressure is a constant force, which the zero of the angle can
         // compensate as well.
         let pressure_zero = if moves(&recording.time, &recording.pressure) {
@@ -195,7 +195,7 @@ impl Prior {
                 past: past.max(LEAST_PAST_RAD),
             },
             apart: [
-                apart(PRESSURE_ZERO_APART_PA).filter(|sd| *sd < pressure_zero),
+                apart(INPUT_ZERO_APART * pressure_zero).filter(|sd| *sd < pressure_zero),
                 apart(ANGLE_ZERO_APART_RAD),
                 None,
                 None,
@@ -204,6 +204,20 @@ impl Prior {
             noise,
             zero_weight: 1.0,
         }
+    }
+
+    /// The same prior with the zero of the input by a range (Pa) that was used, in this recording
+    /// or in others; none where it is known otherwise.
+    pub fn in_range(mut self, recording: &Recording, range: f64) -> Option<Self> {
+        let own = INPUT_ZERO_SHARE * swing(&recording.pressure);
+        let is_held = own <= HELD_PA || self.deviation.pressure_zero < own;
+        if is_held || pressure_zero_sd(recording).is_some() {
+            return None;
+        }
+        let pressure_zero = INPUT_ZERO_SHARE * range;
+        self.deviation.pressure_zero = pressure_zero;
+        self.apart[0] = self.apart[0].map(|_| INPUT_ZERO_APART * pressure_zero);
+        Some(self)
     }
 
     /// Weight (rad) of one standard deviation of an unknown in output error.
@@ -247,6 +261,12 @@ impl Prior {
         let (mean, sd) = (self.mean.values(), self.deviations());
         Nuisance::of(std::array::from_fn(|k| mean[k] + sd[k] * position[k]))
     }
+}
+
+/// How well the zero of the input is known by a calibration (Pa).
+fn pressure_zero_sd(recording: &Recording) -> Option<f64> {
+    let calibration = recording.meta.calibration.as_ref()?;
+    Some(calibration.pressure_zero_sd_kpa? * PASCAL_PER_KPA)
 }
 
 /// The soft bound of a zero or a past beyond [`FARTHEST`] standard deviations: what it adds

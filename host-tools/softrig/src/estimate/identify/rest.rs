@@ -12,8 +12,9 @@ use model_core::dynamics::Dynamics;
 
 use super::{Identifier, NO_INPUT_GAIN, is_driven};
 use crate::estimate::Dataset;
+use crate::estimate::nuisance::rest_at_start;
 use crate::estimate::subsample::reduced;
-use crate::statistics::{mean, swing};
+use crate::statistics::{mean, median, swing};
 
 /// Least angle of a rest (rad) that is recognised: 45°, beyond any error of a sensor's zero.
 const LEAST: f64 = std::f64::consts::FRAC_PI_4;
@@ -42,8 +43,29 @@ pub fn resting_angle(data: &Dataset) -> Option<f64> {
     let held = |data: &Dataset| data.calibrated().calibrated();
     let as_it_is = cost(&held(&part), &[])?.0;
     let (left, more) = cost(&held(&part.shifted(-guess)), &[Kind::SensorOffset])?;
-    let rest = guess + more;
+    let rest = first_rest(data)
+        .filter(|rest| is_far(*rest))
+        .unwrap_or(guess + more);
     (left < LEAVES * as_it_is && is_far(rest)).then_some(rest)
+}
+
+/// The angle (rad) at which the sessions rest before anything was done to them, if they begin so:
+/// later rests still creep. The median over the sessions.
+fn first_rest(data: &Dataset) -> Option<f64> {
+    /// The pressure of a rest, as a share of the largest.
+    const NO_PRESSURE: f64 = 0.05;
+    let mut rests: Vec<f64> = data
+        .sessions()
+        .iter()
+        .filter_map(|session| {
+            let recording = session.recording();
+            let rest = rest_at_start(recording);
+            let pressure = mean(&recording.pressure[..rest]).abs();
+            let is_rest = rest > 0 && pressure <= NO_PRESSURE * session.largest_pressure();
+            is_rest.then(|| mean(&recording.angle[..rest]))
+        })
+        .collect();
+    (!rests.is_empty()).then(|| median(&mut rests))
 }
 
 /// Where the straight line through all samples of pressure and angle meets zero pressure
