@@ -88,6 +88,8 @@ pub enum TimeUnit {
     Ns,
     /// Minutes
     Min,
+    /// Days
+    Day,
 }
 
 impl TimeUnit {
@@ -99,6 +101,7 @@ impl TimeUnit {
             Self::Us => 1e-6,
             Self::Ns => 1e-9,
             Self::Min => 60.0,
+            Self::Day => 86_400.0,
         }
     }
 }
@@ -200,7 +203,8 @@ impl Unit {
                 "ms" | "msec" | "millis" | "millisecond" | "milliseconds" => TimeUnit::Ms,
                 "us" | "\u{b5}s" | "\u{3bc}s" | "usec" | "micros" | "microseconds" => TimeUnit::Us,
                 "ns" | "nsec" | "nanos" | "nanoseconds" => TimeUnit::Ns,
-                "min" | "minutes" => TimeUnit::Min,
+                "min" | "mins" | "minute" | "minutes" => TimeUnit::Min,
+                "d" | "day" | "days" => TimeUnit::Day,
                 _ => return None,
             }),
             (Quantity::Pressure, name) => Self::Pressure(match name {

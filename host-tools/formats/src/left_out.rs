@@ -25,6 +25,10 @@ pub enum What {
     Restart,
     /// Overflows of a counter that holds the time.
     Wrap,
+    /// Rows whose time fits to no neighbour.
+    MisplacedTime,
+    /// Rows that do not stand in the order of time.
+    Unsorted,
     /// Times that are not those at which the samples were taken.
     RebuiltClock,
     /// Pressures that cannot be.
@@ -60,6 +64,11 @@ impl What {
                 "times the clock begins again",
             ],
             Self::Wrap => ["time the clock overflows", "times the clock overflows"],
+            Self::MisplacedTime => [
+                "row has a time that fits to no other",
+                "rows have a time that fits to no other",
+            ],
+            Self::Unsorted => ["row is out of order", "rows are out of order"],
             Self::RebuiltClock => [
                 "time is not when its sample was taken",
                 "times are not when their samples were taken",
@@ -181,6 +190,11 @@ impl Lines {
             Some((first, number)) => number + (sample - first) as u64,
             None => sample as u64 + 1,
         }
+    }
+
+    /// Whether they are lines of a text.
+    pub fn is_text(&self) -> bool {
+        self.is_text
     }
 
     /// The place of a sample, in words.

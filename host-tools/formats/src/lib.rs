@@ -12,6 +12,7 @@
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod bounded;
+mod clock;
 pub mod columns;
 pub mod error;
 pub mod family;

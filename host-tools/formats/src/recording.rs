@@ -937,7 +937,7 @@ mod tests {
                 vec!["line 3", "pressure_kpa", "\"x\""],
             ),
             (
-                format!("{head}0,0,0\n0.01,0,0\n0.01,0,0\n"),
+                format!("{head}0,0,0\n0.02,0,0\n0.01,1,0\n0,0,1\n"),
                 vec!["line 4", "time_s", "increase"],
             ),
             (

@@ -16,7 +16,7 @@ pub struct InputArgs {
     /// the same permanently
     #[arg(long, value_name = "WHICH=COLUMN,…", value_parser = Names::parse)]
     columns: Vec<Names>,
-    /// Units of these columns: time=ms,pressure=psi,angle=rad. Time: s, ms, us, ns, min;
+    /// Units of these columns: time=ms,pressure=psi,angle=rad. Time: s, ms, us, ns, min, day;
     /// pressure: kpa, psi, bar, mbar, mpa, pa, mmhg; angle: deg, rad
     #[arg(long, value_name = "WHICH=UNIT,…", value_parser = Columns::of_units)]
     units: Vec<Columns>,

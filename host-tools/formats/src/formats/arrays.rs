@@ -3,6 +3,8 @@
 //! They are checked like those of a file. An error names the array and the index, from 0 as in
 //! the languages that use them.
 
+use std::path::Path;
+
 use super::{LARGEST_NUMBER, Samples, not_usable};
 use crate::bounded::Limits;
 use crate::columns::{Columns, Layout, Quantity};
@@ -34,17 +36,18 @@ impl Samples {
                     return Err(at(quantity, row, not_usable(&value.to_string())));
                 }
             }
-            let question = samples
-                .push(values, &layout)
-                .map_err(|error| at(Quantity::Time, row, error))?;
-            if let Some((quantity, question)) = question {
+            if let Some((quantity, question)) = samples.push(values) {
                 let array = quantity.column();
                 samples
                     .warnings
                     .push(format!("{name}, {array}[{row}]: {question}"));
             }
         }
-        samples.check_length()?;
+        let place = |error: InputError, number: u64| {
+            let row = usize::try_from(number).unwrap_or(usize::MAX);
+            at(Quantity::Time, row.saturating_sub(1), error)
+        };
+        samples.finish(Path::new(name), &layout, place)?;
         Ok(samples)
     }
 }

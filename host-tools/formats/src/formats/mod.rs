@@ -9,6 +9,7 @@ mod arrays;
 pub mod binary;
 mod json_lines;
 pub mod names;
+pub mod stamps;
 pub(crate) mod text;
 pub mod write;
 
@@ -17,6 +18,7 @@ use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
 use crate::bounded::{self, Limits};
+use crate::clock;
 use crate::columns::{Columns, Layout, Quantity, TimeUnit};
 use crate::error::InputError;
 use crate::left_out::{LeftOut, Lines};
@@ -102,6 +104,8 @@ pub struct Samples {
     pub lines: Lines,
     /// What was left out or changed.
     pub left_out: Vec<LeftOut>,
+    /// Whether the times are times of a day.
+    is_time_of_day: bool,
     angle_asked: bool,
     pressure_asked: bool,
 }
@@ -156,27 +160,14 @@ impl Samples {
         self.time_s.is_empty()
     }
 
-    /// Takes a row of the file: checks it, converts it, and asks about what is unusual.
-    /// The error has no place in the file yet; a question comes with what it is about.
-    fn push(
-        &mut self,
-        row: [f64; 3],
-        layout: &Layout,
-    ) -> Result<Option<(Quantity, String)>, InputError> {
+    /// Takes a row of the file: converts it, and asks about what is unusual. A question comes
+    /// with what it is about. Times are looked at once all are there.
+    fn push(&mut self, row: [f64; 3]) -> Option<(Quantity, String)> {
         let [time, pressure, angle] = self.columns.read(row);
-        if let Some(&before) = self.time_s.last()
-            && time <= before
-        {
-            return Err(InputError::new(
-                format!("time {time} s does not follow {before} s"),
-                "times must increase: sort the rows or split the file where the clock restarts",
-            )
-            .in_column(layout.names.of(Quantity::Time)));
-        }
         self.time_s.push(time);
         self.pressure_kpa.push(pressure);
         self.angle_deg.push(angle);
-        Ok(self.question(pressure, angle))
+        self.question(pressure, angle)
     }
 
     /// Asks about values that look like another unit, once for each column.
@@ -430,20 +421,23 @@ impl Sheet {
         for ((quantity, place), into) in Quantity::ALL.into_iter().zip(places).zip(&mut numbers) {
             let name = layout.names.of(quantity);
             if let (Quantity::Time, Values::Texts(texts)) = (quantity, &self.columns[place].1)
-                && let Some(seconds) = texts.iter().map(|it| iso_seconds(it)).collect()
+                && let Some(read) = stamps::all(texts)
             {
-                *into = seconds;
+                samples.is_time_of_day = read.is_of_day;
+                *into = read.seconds;
                 samples.columns.time = Some(TimeUnit::S);
                 samples.decimals[quantity as usize] = Decimals::Various;
                 continue;
             }
             let Values::Numbers(values, decimals) = &mut self.columns[place].1 else {
-                return Err(InputError::new(
-                    format!("{what} {name} holds text"),
-                    "give it numbers",
-                )
-                .in_file(path)
-                .in_column(name));
+                let Values::Texts(texts) = &self.columns[place].1 else {
+                    continue;
+                };
+                let error = match texts.iter().find(|text| !text.is_empty()) {
+                    Some(text) if quantity == Quantity::Time => stamps::no_form(text),
+                    _ => InputError::new(format!("{what} {name} holds text"), "give it numbers"),
+                };
+                return Err(error.in_file(path).in_column(name));
             };
             *into = std::mem::take(values);
             samples.decimals[quantity as usize] = *decimals;
@@ -464,7 +458,7 @@ impl Sheet {
                     );
                 }
             }
-            if let Some((of, question)) = samples.push(values, layout).map_err(place)? {
+            if let Some((of, question)) = samples.push(values) {
                 let (path, column) = (path.display(), layout.names.of(of));
                 samples
                     .warnings
@@ -487,7 +481,10 @@ impl Sheet {
         }
         samples.forget_converted_decimals();
         samples
-            .check_length()
+            .finish(path, layout, |error, row| InputError {
+                found: format!("row {row}: {}", error.found),
+                ..error
+            })
             .map_err(|error| error.in_file(path))?;
         Ok(samples)
     }
@@ -511,6 +508,114 @@ impl Samples {
         }
     }
 
+    /// Mends the clock, once all rows are there; what was done is said. `at` puts the number of
+    /// a row, from 1, or its line into an error.
+    ///
+    /// # Errors
+    ///
+    /// Names the line of a time that does not follow, in a file that has no order.
+    fn finish(
+        &mut self,
+        path: &Path,
+        layout: &Layout,
+        at: impl Fn(InputError, u64) -> InputError,
+    ) -> Result<(), InputError> {
+        let counter = self
+            .extra
+            .iter()
+            .find(|column| clock::is_counter(&column.name))
+            .and_then(|column| {
+                let numbers = column.fields.iter().map(|field| field.parse::<f64>().ok());
+                numbers.collect::<Option<Vec<f64>>>()
+            });
+        let same = |a: usize, b: usize| {
+            #[allow(clippy::float_cmp)] // A copy is a copy to the last bit.
+            let numbers = self.pressure_kpa[a] == self.pressure_kpa[b]
+                && self.angle_deg[a] == self.angle_deg[b];
+            let mut columns = self.extra.iter();
+            numbers && columns.all(|column| column.fields[a] == column.fields[b])
+        };
+        let mended = clock::mend(&clock::Rows {
+            time: &self.time_s,
+            angle: &self.angle_deg,
+            same: &same,
+            counter: counter.as_deref(),
+            unit_s: self.columns.time.map_or(1.0, TimeUnit::seconds),
+            of_day: self.is_time_of_day,
+        })
+        .map_err(|clock::Disorder(row)| {
+            let before = row.checked_sub(1).map_or(f64::NAN, |row| self.time_s[row]);
+            let error = InputError::new(
+                format!("time {} s does not follow {before} s", self.time_s[row]),
+                "times must increase: sort the rows or split the file where the clock restarts",
+            );
+            let error = error.in_column(layout.names.of(Quantity::Time));
+            at(error, self.lines.number(row))
+        })?;
+        if let Some(mended) = mended {
+            self.take_mended(mended, path);
+        }
+        self.check_length()?;
+        self.check_speed(layout)
+    }
+
+    fn take_mended(&mut self, mended: clock::Mended, path: &Path) {
+        /// Decimals of mended times: microseconds.
+        const DECIMALS: usize = 6;
+        for clock::Said { what, rows, text } in mended.said {
+            let places = rows.iter().map(|row| self.lines.place(*row));
+            self.left_out.push(LeftOut::new(what, path, places, text));
+        }
+        let rows = &mended.rows;
+        let pick = |values: &[f64]| -> Vec<f64> { rows.iter().map(|row| values[*row]).collect() };
+        self.pressure_kpa = pick(&self.pressure_kpa);
+        self.angle_deg = pick(&self.angle_deg);
+        for column in &mut self.extra {
+            column.fields = rows.iter().map(|row| column.fields[*row].clone()).collect();
+        }
+        self.lines = self.lines.pick(rows.iter().copied());
+        self.time_s = mended.time;
+        self.stamps = mended.stamps;
+        self.breaks = mended.breaks;
+        if self.stamps.is_some() || !self.breaks.is_empty() {
+            self.decimals[Quantity::Time as usize] = Decimals::All(DECIMALS);
+        }
+    }
+
+    /// Refuses times that no rig is sampled at: they are in another unit.
+    fn check_speed(&self, layout: &Layout) -> Result<(), InputError> {
+        /// Shortest interval (s).
+        const SHORTEST_S: f64 = 2e-6;
+        /// Days since 1900 in Excel, and since the year 0 in MATLAB, of this century.
+        const EXCEL: std::ops::Range<f64> = 36_000.0..80_000.0;
+        const DATENUM: std::ops::Range<f64> = 730_000.0..770_000.0;
+        let (first, last) = (self.time_s[0], self.time_s[self.len() - 1]);
+        if (last - first) / (self.len() - 1) as f64 >= SHORTEST_S {
+            return Ok(());
+        }
+        let written = self.columns.time.map_or(1.0, TimeUnit::seconds);
+        let in_days = match first / written {
+            days if EXCEL.contains(&days) => {
+                ", and look like days since 1900, as Excel counts them"
+            }
+            days if DATENUM.contains(&days) => {
+                ", and look like MATLAB's datenum, days since the year 0"
+            }
+            _ => "",
+        };
+        let unit = if in_days.is_empty() { "UNIT" } else { "day" };
+        Err(InputError::new(
+            format!(
+                "{} samples in {} s: these times are in another unit than {}{in_days}",
+                self.len(),
+                crate::numbers::short(last - first),
+                self.columns.time.map_or("s", Into::into),
+            ),
+            format!("say in which with --units time={unit}, or write seconds"),
+        )
+        .in_column(layout.names.of(Quantity::Time)))
+    }
+
     fn check_length(&self) -> Result<(), InputError> {
         if self.len() < 2 {
             return Err(InputError::new(
@@ -530,38 +635,6 @@ fn optional_name(found: &str, layout: &Layout) -> String {
         .map(|(name, _)| name.clone())
         .next()
         .unwrap_or_else(|| found.to_owned())
-}
-
-/// The time (s since 1970) of a time stamp as ISO 8601 has it, `2024-05-01T12:00:00.01Z`, with a
-/// blank for the T, without the Z or with an offset from UTC in its place; none if a field is
-/// none.
-fn iso_seconds(field: &str) -> Option<f64> {
-    let is_date = field.len() >= 19 && field.as_bytes()[4] == b'-' && field.is_ascii();
-    if !is_date {
-        return None;
-    }
-    let (date, offset) = field.split_at(19);
-    let (fraction, offset) = match offset.find(['Z', 'z', '+', '-']) {
-        Some(at) => offset.split_at(at),
-        None => (offset, ""),
-    };
-    let east_s = match offset {
-        "" | "Z" | "z" => 0.0,
-        offset => {
-            let digits: String = offset[1..].chars().filter(|it| *it != ':').collect();
-            let number: u32 = digits.parse().ok().filter(|_| digits.len() == 4)?;
-            let seconds = f64::from(number / 100 * 3600 + number % 100 * 60);
-            if offset.starts_with('-') {
-                -seconds
-            } else {
-                seconds
-            }
-        }
-    };
-    let text = format!("{date}{}", fraction.replace(',', ".")).replace(' ', "T");
-    let time = humantime::parse_rfc3339_weak(&text).ok()?;
-    let since = time.duration_since(std::time::UNIX_EPOCH).ok()?;
-    Some(since.as_secs_f64() - east_s)
 }
 
 /// A number that is none, or that no sensor shows.

@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
-use super::{LARGEST_NUMBER, Samples, iso_seconds, names, not_usable, optional_name};
+use super::{LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
 use crate::bounded::Limits;
 use crate::columns::{Columns, Layout, Quantity, TimeUnit, Unit, position};
 use crate::error::InputError;
@@ -99,7 +99,7 @@ pub fn read(
         let row = samples
             .numbers_in(&fields, &mut numbers, line, layout)
             .map_err(place)?;
-        if let Some((of, question)) = samples.push(row, layout).map_err(place)? {
+        if let Some((of, question)) = samples.push(row) {
             let (path, column) = (path.display(), layout.names.of(of));
             samples
                 .warnings
@@ -119,7 +119,7 @@ pub fn read(
     }
     samples.forget_converted_decimals();
     samples
-        .check_length()
+        .finish(path, layout, InputError::at_line)
         .map_err(|error| error.in_file(path))?;
     if !rows.end_with_line() {
         samples.warnings.push(format!(
@@ -142,10 +142,18 @@ impl Samples {
         let mut row = [0.0; 3];
         for ((number, field), quantity) in row.iter_mut().zip(fields).zip(Quantity::ALL) {
             let column = layout.names.of(quantity);
-            *number = match iso_seconds(field).filter(|_| quantity == Quantity::Time) {
-                Some(seconds) => {
+            let stamp = match quantity {
+                Quantity::Time => stamps::read(field),
+                _ => None,
+            };
+            *number = match stamp {
+                Some(stamp) => {
                     self.columns.time = Some(TimeUnit::S);
-                    seconds
+                    self.is_time_of_day |= stamp.is_of_day;
+                    stamp.seconds
+                }
+                None if quantity == Quantity::Time && stamps::is_like_one(field) => {
+                    return Err(stamps::no_form(field).in_column(column));
                 }
                 None => numbers.read(field, line, column)?,
             };
@@ -169,7 +177,7 @@ fn has_all(names: &[String], layout: &Layout) -> bool {
             let place = position(layout.names.of(quantity));
             let field = place.and_then(|place| names.get(place));
             field.is_some_and(|field| {
-                seems_number(field) || (quantity == Quantity::Time && iso_seconds(field).is_some())
+                seems_number(field) || (quantity == Quantity::Time && stamps::read(field).is_some())
             })
         });
     }
