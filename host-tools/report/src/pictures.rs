@@ -14,6 +14,7 @@ use softrig::diagnose::noise::NoiseFloor;
 use softrig::statistics::{rms, swing};
 use softrig_formats::numbers::{degrees, short};
 use softrig_formats::recording::Recording;
+use softrig_formats::removed::Channel;
 
 /// Height of a row of panels: low enough for a picture in a README.
 pub(super) const ROW_HEIGHT_PX: f64 = 150.0;
@@ -93,7 +94,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
             let angle = run.angle(&residual(run, label));
             panel = panel.with_series(Series::new(label, time, &angle, style));
         }
-        figure = figure.with_panel(panel);
+        figure = figure.with_panel(with_left_out(panel, run, Channel::Angle));
     }
     for run in &drawn {
         figure = figure.with_panel(pressure_panel(run));
@@ -110,6 +111,27 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         figure = figure.with_panel(panel);
     }
     figure
+}
+
+/// The panel with rings where samples of a channel were left out. A straight line stands there:
+/// what the file has may be far beyond the panel.
+fn with_left_out(panel: Panel, run: &RunView<'_>, channel: Channel) -> Panel {
+    let values = match channel {
+        Channel::Angle => &run.measured,
+        Channel::Pressure => &run.pressure,
+    };
+    let (time, values): (Vec<f64>, Vec<f64>) = run
+        .recording
+        .removed_from(channel)
+        .filter(|removed| removed.why.is_fault())
+        .flat_map(|removed| removed.samples.clone())
+        .map(|sample| (run.recording.time[sample], values[sample]))
+        .unzip();
+    if time.is_empty() {
+        return panel;
+    }
+    let style = Style::new(Role::Emphasis, Mark::Rings);
+    panel.with_series(Series::new("left out", &time, &values, style))
 }
 
 /// The selected run with the largest error of the refit.
@@ -154,9 +176,10 @@ pub fn curves_of(diagnosis: &Diagnosis) -> [Vec<&'static str>; 2] {
             return [curves(), curves()];
         }
         _ if diagnosis.repaired.added.is_empty() => [&[NOMINAL, REFITTED], &[REFITTED]],
-        Finding::Named { .. } | Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
-            [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]]
-        }
+        Finding::Noisy
+        | Finding::Named { .. }
+        | Finding::OutOfTime { .. }
+        | Finding::Unexplained { .. } => [&[NOMINAL, REFITTED, REPAIRED], &[REFITTED, REPAIRED]],
     };
     curves.map(<[&str]>::to_vec)
 }
@@ -204,7 +227,7 @@ pub fn style_of(label: &str) -> Style {
 /// The measured pressure of a run, in a low panel: its timing matters here, not its size.
 fn pressure_panel(run: &RunView<'_>) -> Panel {
     let style = Style::new(Role::Measured, Mark::Line);
-    Panel::new("time (s)", "pressure (kPa)")
+    let panel = Panel::new("time (s)", "pressure (kPa)")
         .with_legend(false)
         .with_weight(0.4)
         .with_series(Series::new(
@@ -212,7 +235,8 @@ fn pressure_panel(run: &RunView<'_>) -> Panel {
             &run.recording.time,
             &run.pressure,
             style,
-        ))
+        ));
+    with_left_out(panel, run, Channel::Pressure)
 }
 
 /// A recording as it was read: the angle above, the pressure under it.
@@ -257,6 +281,7 @@ pub fn run_figure(
         let angle = run.angle(residual_of(run, label));
         angles = angles.with_series(Series::new(label, time, &angle, style_of(label)));
     }
+    angles = with_left_out(angles, run, Channel::Angle);
     let mut errors = Panel::new("time (s)", "simulated − measured (°)")
         .with_legend(false)
         .with_level(0.0)

@@ -7,6 +7,7 @@ use softrig::diagnose::verdict::Strength::{self, Explains, Part};
 use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::family::Family;
+use softrig_formats::numbers::degrees;
 use softrig_report::content::sentence;
 
 use super::steps;
@@ -79,10 +80,20 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
     let unexplained = Finding::Unexplained {
         closest: vec![explanation(&[Leak])],
     };
+    let floor = &plain.floor;
+    let noise = format!("{} {}", degrees(floor.rms), floor.basis());
     for (finding, expected) in [
         (
             quiet(false),
-            "Nothing is missing: the model agrees with the recordings within their noise.".into(),
+            format!(
+                "Nothing is missing: the model agrees with the recordings within their noise, {noise}."
+            ),
+        ),
+        (
+            Finding::Noisy,
+            format!(
+                "These recordings cannot tell whether something is missing: only noise is left, {noise}, and that hides what is smaller."
+            ),
         ),
         (
             quiet(true),

@@ -55,7 +55,7 @@ pub(super) fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 format!("fitted, with {} samples", diagnosis.nominal.samples()),
             ),
         ],
-        Finding::Quiet { refitted: true, .. } => [
+        Finding::Noisy | Finding::Quiet { refitted: true, .. } => [
             explained_key(
                 Explained::of_whole_runs(held_out.nominal, held_out.refit, held_out.floor),
                 "by parameters alone, over whole runs",

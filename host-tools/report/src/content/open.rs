@@ -23,6 +23,9 @@ pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
              runs; nor does one that they do not excite, such as creep in short runs.",
             degrees(diagnosis.held_out.floor)
         )),
+        Finding::Noisy => open.push(
+            "Whether something is missing: record with less noise, or larger motions.".into(),
+        ),
         Finding::Named { .. } => {
             open.extend(look_alikes(diagnosis));
             if !diagnosis.adequacy.exact_form {

@@ -22,7 +22,15 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
         ),
         Finding::Quiet {
             refitted: false, ..
-        } => "Nothing is missing: the model agrees with the recordings within their noise.".into(),
+        } => format!(
+            "Nothing is missing: the model agrees with the recordings within their noise, {}.",
+            noise(diagnosis)
+        ),
+        Finding::Noisy => format!(
+            "These recordings cannot tell whether something is missing: only noise is left, {}, and \
+             that hides what is smaller.",
+            noise(diagnosis)
+        ),
         Finding::Quiet { refitted: true, .. } => {
             "No effect is missing: the structure is right, only the parameters were off.".into()
         }
@@ -88,6 +96,12 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
     }
 }
 
+/// The noise floor, and what it rests on.
+fn noise(diagnosis: &Diagnosis) -> String {
+    let floor = &diagnosis.floor;
+    format!("{} {}", degrees(floor.rms), floor.basis())
+}
+
 /// Adds to a name how much it explains, if not all.
 const fn of_the_error(strength: Strength) -> &'static str {
     match strength {
@@ -125,6 +139,12 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
             "With the parameters refitted, the error on validation runs falls from \
              {nominal} to {refit}, where noise alone leaves {floor}. Use the refitted model; no \
              physics has to be added."
+        ),
+        Finding::Noisy => format!(
+            "On validation runs, the refitted model leaves {refit}, where noise alone leaves \
+             {floor}, more than {} of the range of the angle. Look at the sensor, its cable and \
+             its supply before you look for physics.",
+            percent(Policy::STANDARD.most_noise)
         ),
         Finding::Named { .. } => format!(
             "On validation runs, refitting alone leaves {refit}. With {} it is \

@@ -75,6 +75,7 @@ impl Baseline {
             floor: floor
                 .clone()
                 .seen_by(&refit.fit, &data)
+                .at_most(refit.fit.rmse())
                 .with_input(&guessed, &refit.fit),
             nominal: fitter.compare(nominal),
             refit,
@@ -165,14 +166,17 @@ pub fn tolerance(data: &Dataset) -> f64 {
         .iter()
         .filter_map(|session| session.recording().meta.tolerance_deg)
         .reduce(f64::min);
-    let angles = || -> Vec<f64> {
-        let all = data.sessions().iter();
-        all.flat_map(|it| it.recording().angle.clone()).collect()
-    };
     said.map_or_else(
-        || Policy::STANDARD.tolerance * swing(&angles()),
+        || Policy::STANDARD.tolerance * swing_of_all(data),
         f64::to_radians,
     )
+}
+
+/// The range of the angle over all sessions (rad).
+pub fn swing_of_all(data: &Dataset) -> f64 {
+    let all = data.sessions().iter();
+    let angles: Vec<f64> = all.flat_map(|it| it.recording().angle.clone()).collect();
+    swing(&angles)
 }
 
 /// The data with the zeros and initial states of a fit, unless the fit is so poor

@@ -66,6 +66,8 @@ pub enum Finding {
         /// Whether more than noise is left, and less than the tolerance.
         immaterial: bool,
     },
+    /// Only noise is left, but so much that an effect may hide below it.
+    Noisy,
     /// Effects are named.
     Named {
         /// They, in the order of the repaired model.
@@ -148,7 +150,8 @@ impl Finding {
             Self::Rivals { .. }
             | Self::Shape { .. }
             | Self::Trace { .. }
-            | Self::OutOfTime { .. } => Answer::CannotTell,
+            | Self::OutOfTime { .. }
+            | Self::Noisy => Answer::CannotTell,
             Self::Unexplained { .. } => Answer::Unexplained,
         }
     }
@@ -156,6 +159,12 @@ impl Finding {
     /// Whether nothing is missing, or nothing that matters.
     pub const fn is_quiet(&self) -> bool {
         matches!(self, Self::Quiet { .. })
+    }
+
+    /// The finding where noise of a size that may hide an effect is left.
+    #[must_use]
+    pub fn under_noise(self) -> Self {
+        if self.is_quiet() { Self::Noisy } else { self }
     }
 
     /// The effects that are named.
@@ -182,7 +191,7 @@ impl Finding {
     /// The explanations beside a name, or in its place, best first.
     pub fn explanations(&self) -> &[Explanation] {
         match self {
-            Self::Quiet { .. } => &[],
+            Self::Quiet { .. } | Self::Noisy => &[],
             Self::Named { rivals, .. } | Self::Rivals { rivals, .. } => rivals,
             Self::Shape { formula: only, .. }
             | Self::Trace {
@@ -200,7 +209,10 @@ impl Finding {
             | Self::Rivals { strength, .. }
             | Self::Shape { strength, .. }
             | Self::Trace { strength, .. } => Some(*strength),
-            Self::Quiet { .. } | Self::OutOfTime { .. } | Self::Unexplained { .. } => None,
+            Self::Quiet { .. }
+            | Self::Noisy
+            | Self::OutOfTime { .. }
+            | Self::Unexplained { .. } => None,
         }
     }
 
@@ -211,6 +223,7 @@ impl Finding {
             | Self::Shape { families, .. }
             | Self::Trace { families, .. } => families,
             Self::Quiet { .. }
+            | Self::Noisy
             | Self::Named { .. }
             | Self::OutOfTime { .. }
             | Self::Unexplained { .. } => &[],

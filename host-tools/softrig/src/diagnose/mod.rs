@@ -253,6 +253,10 @@ pub fn diagnose_from(
         .chain(own)
         .collect();
     diagnosis.ended = progress.ended();
+    let most = policy::Policy::STANDARD.most_noise * baseline::swing_of_all(&diagnosis.data);
+    if diagnosis.floor.total() > most {
+        diagnosis.finding = diagnosis.finding.under_noise();
+    }
     if let Some(ended) = &diagnosis.ended {
         diagnosis.finding = diagnosis.finding.as_far_as_tried(&ended.undone);
         // An effect of the repaired model was tried, if not fully.

@@ -111,6 +111,32 @@ impl NoiseFloor {
         }
     }
 
+    /// The floor, if a structure leaves so much (rad): the noise is not more.
+    #[must_use]
+    pub fn at_most(self, left: f64) -> Self {
+        Self {
+            rms: self.rms.min(left),
+            white: self.white.min(left),
+            ..self
+        }
+    }
+
+    /// What the floor rests on, as the end of a sentence.
+    pub fn basis(&self) -> &'static str {
+        let steps = self.quantisation_step / 12f64.sqrt();
+        if self.repeats.is_some_and(|repeats| repeats >= self.rms) {
+            "from how repeats differ"
+        } else if self.rest.is_some_and(|rest| rest >= self.rms) {
+            "from the rests before the motion"
+        } else if steps >= self.rms {
+            "from the step of the converter"
+        } else if self.agreed {
+            "from neighbouring samples"
+        } else {
+            "from what a filter of the model does not foresee"
+        }
+    }
+
     /// Raises the floor to the standard deviation of a fit's residuals (one series per
     /// recording) between repeats, which no model driven by the same pressure can explain.
     /// Repeats that differ by far more than the sensor's noise have different histories,

@@ -65,6 +65,9 @@ policy! {
     /// What the refit leaves, less than this share of the range of the angle, does not matter
     /// where no effect explains it, unless the user says otherwise.
     tolerance: 0.01, "range", "accuracy of a calibrated flex sensor";
+    /// That nothing is missing is not said where the noise is more than this share of the range
+    /// of the angle.
+    most_noise: 0.02, "range", "twice `tolerance`: it would hide what matters";
     /// A formula is wrong if a table of its own variable, added to it, leaves at most this
     /// share of its error, fitted and held out.
     shape: 0.85, "–", "right formulas 0.98 to 1.03, wrong ones 0.26 to 0.77, real rigs";

@@ -110,7 +110,10 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         .chain(simulated)
         .min_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     if let Some(best) = best {
-        baseline.floor = baseline.floor.with_repeats(&best.fit.residuals);
+        baseline.floor = baseline
+            .floor
+            .with_repeats(&best.fit.residuals)
+            .at_most(best.fit.rmse());
         validator.raise_floor(baseline.floor.rms);
     }
     options.progress.stage("selection by validation", 0);

@@ -19,7 +19,7 @@
 use std::ops::Range;
 
 use super::let_go::{Handled, handled};
-use crate::statistics::{clipped, median, rms, standard_deviation};
+use crate::statistics::{clipped, median, quantisation_step, rms, standard_deviation};
 use softrig_formats::error::InputError;
 use softrig_formats::left_out::LeftOut;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
@@ -353,6 +353,36 @@ fn let_go(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
     released
 }
 
+/// How a logger that writes a row only when a value changes shows its rests.
+struct Rests {
+    /// The steps of the converters (Pa, rad), if rows are written on change.
+    steps: Option<[f64; 2]>,
+}
+
+impl Rests {
+    /// Rows are written on change if no two that follow each other are equal although both
+    /// channels have steps.
+    fn of(recording: &Recording) -> Self {
+        let equal = (1..recording.len()).any(|k| {
+            recording.pressure[k] == recording.pressure[k - 1]
+                && recording.angle[k] == recording.angle[k - 1]
+        });
+        let steps = [&recording.pressure, &recording.angle].map(|it| quantisation_step(it));
+        let is_on_change = !equal && steps.iter().all(|step| *step > 0.0);
+        Self {
+            steps: is_on_change.then_some(steps),
+        }
+    }
+
+    /// Whether nothing changed before a sample: it differs from the one before by one step.
+    fn before(&self, recording: &Recording, sample: usize) -> bool {
+        let change = |values: &[f64]| (values[sample] - values[sample - 1]).abs();
+        self.steps.is_some_and(|[pressure, angle]| {
+            change(&recording.pressure) < 1.5 * pressure && change(&recording.angle) < 1.5 * angle
+        })
+    }
+}
+
 /// The sampling of a recording.
 struct Clock {
     /// Samples after gaps that are too long to interpolate.
@@ -368,12 +398,14 @@ struct Clock {
 impl Clock {
     fn of(recording: &Recording) -> Self {
         let usual = recording.interval();
+        let rests = Rests::of(recording);
         // The pause where the clock begins again has no length.
         let steps = || {
             (1..)
                 .zip(recording.time.windows(2))
                 .filter(|(k, _)| !recording.is_break(*k))
                 .map(|(k, pair)| (k, pair[1] - pair[0]))
+                .filter(|(k, step)| *step <= 2.0 * usual || !rests.before(recording, *k))
         };
         // The median does not see the gaps, of which there are few.
         let mut deviations: Vec<f64> = steps()
