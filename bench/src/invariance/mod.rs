@@ -16,6 +16,7 @@ pub mod ask;
 pub mod calibration;
 pub mod cases;
 pub mod choice;
+pub mod dirt;
 pub mod known;
 pub mod pose;
 pub mod tables;

@@ -11,6 +11,8 @@ use softrig_formats::columns::{AngleUnit, Columns, PressureUnit, Quantity, TimeU
 use softrig_formats::model_file::ModelFile;
 use toml_edit::{DocumentMut, Item, Value};
 
+use super::dirt::{Dirt, Rows};
+
 /// The share of a recording that is cut off.
 const CUT: f64 = 0.05;
 /// How wrong the first model is made.
@@ -44,11 +46,41 @@ pub enum Way {
     CutStart,
     /// Without the last 5 % of each recording
     CutEnd,
+    /// With a constant added to the input: 1 % of its range
+    Offset,
+    /// With the inertia free instead of the input gain, or the other way round
+    Free,
+    /// One angle far beyond all others
+    Spike,
+    /// One in five hundred angles is the same impossible value
+    Sentinel,
+    /// Three angles are zero
+    Zeros,
+    /// One pressure far beyond all others
+    WildPressure,
+    /// A third of the rows is missing
+    Dropped,
+    /// Time stamps of a host: late by up to a third of the interval
+    Jitter,
+    /// Five rows arrive at once
+    Bursts,
+    /// A logger twice as fast as its sensors
+    Held,
+    /// A converter of ten bits, of which the signals use a tenth
+    Coarse,
+    /// The angle stays at one value for a while
+    Frozen,
+    /// A fortieth of the rows is missing in one place
+    Gap,
+    /// One in a hundred rows stands there twice
+    Twice,
+    /// The board restarted: its clock begins again
+    Restart,
 }
 
 impl Way {
     /// All but [`Way::Plain`], in the order of the tables.
-    pub const OTHERS: [Self; 10] = [
+    pub const OTHERS: [Self; 12] = [
         Self::Seed,
         Self::Order,
         Self::Units,
@@ -59,7 +91,33 @@ impl Way {
         Self::Half,
         Self::CutStart,
         Self::CutEnd,
+        Self::Offset,
+        Self::Free,
     ];
+
+    /// Those that make recordings dirty.
+    pub const DIRTY: [Self; 14] = [
+        Self::Spike,
+        Self::Sentinel,
+        Self::Zeros,
+        Self::WildPressure,
+        Self::Dropped,
+        Self::Jitter,
+        Self::Bursts,
+        Self::Held,
+        Self::Coarse,
+        Self::Offset,
+        Self::Frozen,
+        Self::Gap,
+        Self::Twice,
+        Self::Restart,
+    ];
+
+    /// The dirt of a way.
+    pub fn dirt(self) -> Option<Dirt> {
+        let place = Self::DIRTY.iter().position(|way| *way == self)?;
+        Some(Dirt::ALL[place])
+    }
 
     /// Its name on the command line, in tables and in files.
     pub fn name(self) -> &'static str {
@@ -75,21 +133,37 @@ impl Way {
             Self::Half => "half",
             Self::CutStart => "cut_start",
             Self::CutEnd => "cut_end",
+            Self::Free => "free",
+            Self::Spike => "spike",
+            Self::Sentinel => "sentinel",
+            Self::Zeros => "zeros",
+            Self::WildPressure => "wild_pressure",
+            Self::Dropped => "dropped",
+            Self::Jitter => "jitter",
+            Self::Bursts => "bursts",
+            Self::Held => "held",
+            Self::Coarse => "coarse",
+            Self::Offset => "offset",
+            Self::Frozen => "frozen",
+            Self::Gap => "gap",
+            Self::Twice => "twice",
+            Self::Restart => "restart",
         }
     }
 
     /// Whether the first model has other numbers. What was right before may then need new
     /// parameters, so "nothing is missing" and "only the parameters were off" are one answer.
     pub fn changes_first_model(self) -> bool {
-        matches!(self, Self::Init | Self::Times3 | Self::Third)
+        matches!(self, Self::Init | Self::Times3 | Self::Third | Self::Free)
     }
 
     /// Whether recordings are written anew.
     pub fn changes_recordings(self) -> bool {
-        matches!(
-            self,
-            Self::Units | Self::Mirror | Self::Half | Self::CutStart | Self::CutEnd
-        )
+        self.dirt().is_some()
+            || matches!(
+                self,
+                Self::Units | Self::Mirror | Self::Half | Self::CutStart | Self::CutEnd
+            )
     }
 
     /// The random seed.
@@ -113,6 +187,9 @@ impl Way {
     ///
     /// Why this way does not apply to it.
     pub fn model(self, file: &ModelFile) -> Result<String, String> {
+        if self == Self::Free {
+            return otherwise_free(parsed(file.text())?);
+        }
         let factors: &[(ParameterId, &str, f64)] = match self {
             Self::Times3 => &wrong_by(WRONG_BY),
             Self::Third => &wrong_by(1.0 / WRONG_BY),
@@ -170,7 +247,11 @@ impl Way {
                 let left = table.rows.len() - cut(table.rows.len());
                 table.rows.truncate(left);
             }
-            _ => {}
+            _ => {
+                if let Some(dirt) = self.dirt() {
+                    table.soil(dirt, columns)?;
+                }
+            }
         }
         Ok((table.text()?, table.rows.len()))
     }
@@ -208,6 +289,23 @@ impl Way {
         }
         Ok(document.to_string())
     }
+}
+
+/// The text of a model with the inertia free instead of the gain, or the other way round: only
+/// the ratios of inertia, damping, stiffness and gain show in a motion.
+fn otherwise_free(mut document: DocumentMut) -> Result<String, String> {
+    const EITHER: [&str; 2] = ["input_gain", "inertia"];
+    let free = document["fit"]["free"].as_array_mut();
+    let free = free.ok_or("its model frees nothing")?;
+    let has = |name: &str| free.iter().any(|value| value.as_str() == Some(name));
+    let [gives, takes] = match EITHER.map(has) {
+        [true, false] => EITHER,
+        [false, true] => [EITHER[1], EITHER[0]],
+        _ => return Err("its model does not free one of input gain and inertia".into()),
+    };
+    free.retain(|value| value.as_str() != Some(gives));
+    free.push(takes);
+    Ok(document.to_string())
 }
 
 /// Damping and gain that many times, and the stiffness that part.
@@ -329,6 +427,51 @@ impl Table {
             });
             *row = fields.collect();
         }
+        Ok(())
+    }
+
+    /// Makes time, pressure and angle dirty; other columns go with their rows.
+    fn soil(&mut self, dirt: Dirt, columns: [&str; 3]) -> Result<(), String> {
+        let places = [
+            self.place(columns[0])?,
+            self.place(columns[1])?,
+            self.place(columns[2])?,
+        ];
+        let number = |row: &csv::StringRecord, place: usize| -> Result<f64, String> {
+            let field = row.get(place).unwrap_or_default();
+            let read = field.trim().parse();
+            read.map_err(|_| format!("{field} in column {} is no number", &self.header[place]))
+        };
+        let column = |place: usize| -> Result<Vec<f64>, String> {
+            self.rows.iter().map(|row| number(row, place)).collect()
+        };
+        let numbers = [column(places[0])?, column(places[1])?, column(places[2])?];
+        let mut rows = Rows::new(numbers);
+        dirt.soil(&mut rows);
+        self.rows = rows
+            .of
+            .iter()
+            .enumerate()
+            .map(|(row, &of)| {
+                let clean = self.rows[of].iter().enumerate();
+                let fields = clean.map(|(place, field)| {
+                    let quantity = places.iter().position(|it| *it == place);
+                    let value = match quantity {
+                        Some(0) => rows.time[row],
+                        Some(1) => rows.pressure[row],
+                        Some(_) => rows.angle[row],
+                        None => return field.to_owned(),
+                    };
+                    // What was not touched keeps its last digit.
+                    if field.trim().parse() == Ok(value) {
+                        field.to_owned()
+                    } else {
+                        format!("{value:.9}")
+                    }
+                });
+                fields.collect()
+            })
+            .collect();
         Ok(())
     }
 
