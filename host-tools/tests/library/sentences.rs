@@ -81,7 +81,7 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
         closest: vec![explanation(&[Leak])],
     };
     let floor = &plain.floor;
-    let noise = format!("{} {}", degrees(floor.rms), floor.basis());
+    let noise = format!("{} ({})", degrees(floor.rms), floor.source());
     for (finding, expected) in [
         (
             quiet(false),

@@ -190,26 +190,12 @@ fn probability_key(value: Option<f64>, note: &str) -> Key {
 
 /// The sources of a noise floor of `shown` (rad).
 fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
-    let source = noise_source(floor);
+    let source = floor.source();
     if 3.0 * floor.input > shown {
         let input = degrees(floor.input);
         format!("{source}, and the {input} that noise of the pressure leaves")
     } else {
         source.to_owned()
-    }
-}
-
-/// The largest source of the noise floor.
-fn noise_source(floor: &NoiseFloor) -> &'static str {
-    let is_it = |source: Option<f64>| source.is_some_and(|source| source >= floor.rms);
-    if is_it(floor.repeats) {
-        "spread between repeats"
-    } else if is_it(floor.rest) && floor.white < floor.rms {
-        "noise at rest"
-    } else if floor.white >= floor.rms {
-        "noise of the angle sensor"
-    } else {
-        "steps of the converter"
     }
 }
 
@@ -222,6 +208,7 @@ mod tests {
         let floor = NoiseFloor {
             rms: 0.02,
             white: 0.01,
+            agreed: true,
             repeats: Some(0.015),
             rest: Some(0.02),
             quantisation_step: 0.001,

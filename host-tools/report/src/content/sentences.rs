@@ -99,7 +99,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
 /// The noise floor, and what it rests on.
 fn noise(diagnosis: &Diagnosis) -> String {
     let floor = &diagnosis.floor;
-    format!("{} {}", degrees(floor.rms), floor.basis())
+    format!("{} ({})", degrees(floor.rms), floor.source())
 }
 
 /// Adds to a name how much it explains, if not all.

@@ -121,19 +121,19 @@ impl NoiseFloor {
         }
     }
 
-    /// What the floor rests on, as the end of a sentence.
-    pub fn basis(&self) -> &'static str {
-        let steps = self.quantisation_step / 12f64.sqrt();
-        if self.repeats.is_some_and(|repeats| repeats >= self.rms) {
-            "from how repeats differ"
-        } else if self.rest.is_some_and(|rest| rest >= self.rms) {
-            "from the rests before the motion"
-        } else if steps >= self.rms {
-            "from the step of the converter"
+    /// The largest source of the floor, in words.
+    pub fn source(&self) -> &'static str {
+        let is_it = |source: Option<f64>| source.is_some_and(|source| source >= self.rms);
+        if is_it(self.repeats) {
+            "spread between repeats"
+        } else if is_it(self.rest) && self.white < self.rms {
+            "noise at rest"
+        } else if self.white < self.rms {
+            "steps of the converter"
         } else if self.agreed {
-            "from neighbouring samples"
+            "noise of the angle sensor"
         } else {
-            "from what a filter of the model does not foresee"
+            "what a filter of the model does not foresee"
         }
     }
 
