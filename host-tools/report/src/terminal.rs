@@ -28,10 +28,11 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
         ));
         lines.extend(effect.parameters.iter().map(parameter));
     }
-    let free: Vec<&ParameterRow> = content.base.iter().filter(|row| row.free).collect();
-    if !free.is_empty() {
+    let base = content.base.iter();
+    let changed: Vec<&ParameterRow> = base.filter(|row| row.is_changed()).collect();
+    if !changed.is_empty() {
         lines.push(base_title(content.answer).into());
-        lines.extend(free.into_iter().map(parameter));
+        lines.extend(changed.into_iter().map(parameter));
     }
     if !content.zeros.is_empty() {
         lines.push(content.zeros.clone());

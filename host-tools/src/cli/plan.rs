@@ -191,6 +191,7 @@ impl Plan {
     ) -> Result<(Self, Vec<Proposal>), InputError> {
         unit_errors::refuse(file, &recordings)?;
         let pair = between(pair, own)?;
+        refuse_what_it_has(file, &pair)?;
         let limits = limits.of_rig(&recordings);
         let noise = match noise_deg {
             Some(noise) if noise > 0.0 && noise.is_finite() => noise.to_radians(),
@@ -257,6 +258,22 @@ struct PlannedRun {
     expected_delta_chi2: f64,
     /// Whether that is expected to be enough.
     decides: bool,
+}
+
+/// Refuses a model that has an effect of either side already: both sides would have it.
+fn refuse_what_it_has(file: &ModelFile, pair: &[Vec<Kind>; 2]) -> Result<(), InputError> {
+    let has = |kind: &&Kind| file.model.effects().any(|effect| effect.kind() == **kind);
+    match pair.iter().flatten().find(has) {
+        Some(kind) => Err(InputError::new(
+            format!(
+                "the model has {} already, on both sides of --between",
+                kind.name()
+            ),
+            "name the model without it: the one that the diagnosis began with",
+        )
+        .in_file(&file.path)),
+        None => Ok(()),
+    }
 }
 
 /// The two explanations in `--between`.

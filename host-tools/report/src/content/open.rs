@@ -48,11 +48,7 @@ pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
              model: what it gains here it may lose on others."
                 .into(),
         ),
-        Finding::Rivals { .. } => open.push(
-            "Which of the explanations is the right one. Upload none of them yet: a wrong one \
-             predicts these runs as well, and others not."
-                .into(),
-        ),
+        Finding::Rivals { .. } => open.push("Which of the explanations is the right one.".into()),
         Finding::Unexplained { .. } => open.push(
             "What the missing force is. Where the picture repeats from run to run it is physics \
              that no known formula describes; where it does not, look at the rig first."

@@ -58,15 +58,37 @@ pub struct ParameterRow {
     pub free: bool,
     /// The ends of the 95 % interval, if there is one.
     pub interval: Option<[String; 2]>,
+    /// Why there is none.
+    pub unknown: &'static str,
 }
 
 impl ParameterRow {
+    /// Whether it is to be shown where there is room for what changed only.
+    pub fn is_changed(&self) -> bool {
+        self.free || self.is_set()
+    }
+
+    /// Whether it moved although it was not fitted.
+    fn is_set(&self) -> bool {
+        !self.free && self.nominal.as_ref().is_some_and(|it| *it != self.value)
+    }
+
+    /// Why there is no interval.
+    fn why_none(&self) -> &'static str {
+        if self.free {
+            "not determined by these runs"
+        } else if self.is_set() {
+            "set: only its ratio to the others shows"
+        } else {
+            "held"
+        }
+    }
+
     /// The interval, or why there is none.
     pub fn certainty(&self) -> String {
         match &self.interval {
             Some([low, high]) => format!("95 %: {low} … {high}"),
-            None if self.free => "not determined by these runs".to_owned(),
-            None => "held".to_owned(),
+            None => self.unknown.to_owned(),
         }
     }
 }
@@ -150,7 +172,8 @@ fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterR
         (Some(value), None) => (short(value), None),
         (None, _) => (String::new(), None),
     };
-    ParameterRow {
+    let row = ParameterRow {
+        unknown: "",
         name: name.rsplit('.').next().unwrap_or(&name).to_owned(),
         symbol: fit.model.row(id).map_or("", |row| row.symbol),
         unit: parameter_unit(&fit.model, id),
@@ -158,5 +181,9 @@ fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterR
         value,
         free: position.is_some(),
         interval,
+    };
+    ParameterRow {
+        unknown: row.why_none(),
+        ..row
     }
 }

@@ -577,6 +577,13 @@ impl Diagnosis {
         if !self.is_better() {
             return Upload::Unchanged;
         }
+        if let Finding::Rivals { .. } = self.finding {
+            return Upload::Refused(
+                "These recordings do not tell the explanations apart: upload none of them yet. A \
+                 wrong one predicts these runs as well, and others not."
+                    .into(),
+            );
+        }
         let mut kept = file.clone();
         kept.model = self.fit_to_keep().model;
         let farthest = board::farthest(self.data.largest_angle());
