@@ -4,4 +4,5 @@ mod blind_bench;
 mod blind_examples;
 mod blind_score;
 mod blind_truth;
+mod dirt;
 mod invariance;
