@@ -501,6 +501,8 @@ pub struct Layout {
     /// Lines at the start of a table of text that are not read; none where the header is to be
     /// found.
     pub skip_rows: Option<u64>,
+    /// Whether lines that are no rows are refused, however few they are.
+    pub strict: bool,
 }
 
 /// The place, from 0, of a column that is called by its number: `#1` is the first.
@@ -517,6 +519,7 @@ impl Layout {
             columns: self.columns.or(other.columns),
             setup: self.setup.or(&other.setup),
             skip_rows: self.skip_rows.or(other.skip_rows),
+            strict: self.strict || other.strict,
         }
     }
 }

@@ -19,7 +19,9 @@ pub const NAMED: usize = 3;
 pub enum What {
     /// Lines that are no rows of the table.
     BadLine,
-    /// Rows that repeat the one before them.
+    /// Lines that repeat the header.
+    RepeatedHeader,
+    /// Rows that are there already.
     DuplicateRow,
     /// Places at which the clock begins again.
     Restart,
@@ -55,10 +57,8 @@ impl What {
                 "line is no row of the table",
                 "lines are no rows of the table",
             ],
-            Self::DuplicateRow => [
-                "row repeats the one before it",
-                "rows repeat the one before them",
-            ],
+            Self::RepeatedHeader => ["line repeats the header", "lines repeat the header"],
+            Self::DuplicateRow => ["row is there twice", "rows are there twice"],
             Self::Restart => [
                 "time the clock begins again",
                 "times the clock begins again",

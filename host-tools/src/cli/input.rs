@@ -68,6 +68,10 @@ pub struct InputArgs {
     /// wanted names are found without it
     #[arg(long, value_name = "N")]
     skip_rows: Option<u64>,
+    /// Refuse a file with lines that are no rows; otherwise up to 5 % of them are left out and
+    /// counted
+    #[arg(long)]
+    strict: bool,
     /// Exchange the columns of pressure and angle
     #[arg(long)]
     exchange_columns: bool,
@@ -96,6 +100,7 @@ impl InputArgs {
                 .iter()
                 .fold(said, |earlier, later| later.or(earlier)),
             skip_rows: self.skip_rows,
+            strict: self.strict,
             ..Layout::default()
         }
     }

@@ -1,9 +1,10 @@
 //! MATLAB files as `save(…, '-v7')` and `-v6` write them: version 5 of the format.
 //!
 //! A file is a list of elements, each with a type and a length, most of them compressed.
-//! Arrays of numbers are read, alone or as fields of structures: `t`, `run.pressure`, and
-//! `data(:,2)` for a column of a matrix. Everything else (texts, cells, tables, objects) is
-//! skipped. This reader exists because existing ones refuse integers that MATLAB stores in
+//! Arrays of numbers are read, alone or as fields of structures and in cells: `t`,
+//! `run.pressure`, `signals(2).values`, `c{1}`, and `data(:,2)` for a column of a matrix, or
+//! `data(2,:)` for a row where the samples lie in rows. Dimensions of one do not count. What else
+//! there is (texts, tables, objects) is named with its type. This reader exists because existing ones refuse integers that MATLAB stores in
 //! few bytes, do not read structures, or unpack without a limit.
 
 use std::io::Read;
@@ -19,8 +20,14 @@ const HEADER: usize = 128;
 /// Types of elements.
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
-/// Classes of arrays: a structure, and from double to 64-bit integers.
+/// Classes of arrays: cells, structures, and from double to 64-bit integers.
+const CELL: u8 = 1;
 const STRUCTURE: u8 = 2;
+const OPAQUE: u8 = 17;
+/// The flag of arrays with an imaginary part, and the largest share of the real part that is
+/// rounding.
+const COMPLEX: u32 = 0x0800;
+const ROUNDING: f64 = 1e-9;
 const NUMBERS: std::ops::RangeInclusive<u8> = 6..=15;
 /// Structures within structures that are looked into.
 const DEEPEST: usize = 4;
@@ -43,6 +50,8 @@ pub fn read(
         is_big_endian: bytes.get(126..128) == Some(b"MI"),
         left: limits.bytes,
         columns: Vec::new(),
+        unread: Vec::new(),
+        warnings: Vec::new(),
         values: limits.fields,
     };
     if bytes.len() < HEADER {
@@ -55,6 +64,12 @@ pub fn read(
         })?;
     let sheet = Sheet {
         columns: file.columns,
+        unread: file.unread,
+        warnings: file
+            .warnings
+            .into_iter()
+            .map(|warning| format!("{}: {warning}", path.display()))
+            .collect(),
         ..Sheet::default()
     };
     sheet.samples(path, layout, limits, "variable")
@@ -76,6 +91,9 @@ struct File {
     /// Numbers that may still be kept.
     values: u64,
     columns: Vec<(String, Values)>,
+    /// What is not read, and what it is.
+    unread: Vec<(String, String)>,
+    warnings: Vec<String>,
 }
 
 /// An element: its type, its bytes, and what follows it.
@@ -162,8 +180,27 @@ impl File {
             return Ok(());
         }
         let flags = self.element(bytes)?;
-        let class = self.u32(flags.data).ok_or(ENDS_EARLY)? & 0xff;
+        let said = self.u32(flags.data).ok_or(ENDS_EARLY)?;
+        #[allow(clippy::cast_possible_truncation)] // Eight bits are left.
+        let class = (said & 0xff) as u8;
+        let called = |name: &[u8]| match known_as {
+            "" => String::from_utf8_lossy(name).into_owned(),
+            known_as => known_as.to_owned(),
+        };
         let sizes = self.element(flags.rest)?;
+        if class == OPAQUE {
+            // It has no sizes: its name, the system, and its class.
+            let full = called(sizes.data);
+            let of = self
+                .element(sizes.rest)
+                .and_then(|it| self.element(it.rest));
+            let of = of.map_or_else(
+                |_| String::new(),
+                |it| String::from_utf8_lossy(it.data).into(),
+            );
+            self.unread.push((full, object(&of)));
+            return Ok(());
+        }
         let name = self.element(sizes.rest)?;
         let sizes: Vec<usize> = sizes
             .data
@@ -171,38 +208,92 @@ impl File {
             .filter_map(|size| self.u32(size))
             .map(|size| size as usize)
             .collect();
-        let name_of_its_own = String::from_utf8_lossy(name.data);
-        let full = match known_as {
-            "" => name_of_its_own.into_owned(),
-            known_as => known_as.to_owned(),
-        };
-        #[allow(clippy::cast_possible_truncation)] // Eight bits are left.
-        match class as u8 {
-            STRUCTURE if depth < DEEPEST && sizes.iter().all(|&size| size == 1) => {
-                self.fields(name.rest, &full, depth)
+        let full = called(name.data);
+        let count = sizes
+            .iter()
+            .try_fold(1_usize, |count, &size| count.checked_mul(size))
+            .filter(|count| *count <= bytes.len());
+        match class {
+            STRUCTURE if depth < DEEPEST => match count {
+                Some(count) => self.fields(name.rest, &full, depth, count),
+                None => Err(Fault::Damaged("a structure is larger than the file")),
+            },
+            CELL if depth < DEEPEST => {
+                self.unread.push((full.clone(), "a cell array".to_owned()));
+                let mut rest = name.rest;
+                for number in 1..=count.unwrap_or(0).min(WIDEST) {
+                    let cell = self.element(rest)?;
+                    if cell.kind == MATRIX {
+                        self.matrix(cell.data, &format!("{full}{{{number}}}"), depth + 1)?;
+                    }
+                    rest = cell.rest;
+                }
+                Ok(())
             }
             class if NUMBERS.contains(&class) => {
                 let values = self.element(name.rest)?;
                 let numbers = self.numbers(values.kind, values.data)?;
+                if said & COMPLEX != 0 {
+                    let imaginary = self.element(values.rest)?;
+                    let imaginary = self.numbers(imaginary.kind, imaginary.data)?;
+                    let largest =
+                        |of: &[f64]| of.iter().fold(0.0, |most: f64, it| most.max(it.abs()));
+                    let (real, imaginary) = (largest(&numbers), largest(&imaginary));
+                    if imaginary > ROUNDING * real {
+                        self.unread.push((full, "complex".to_owned()));
+                        return Ok(());
+                    }
+                    self.warnings.push(format!(
+                        "{full} is complex; its imaginary part is {imaginary:.0e} at most, and left out"
+                    ));
+                }
                 self.keep(&full, &sizes, numbers)
             }
-            _ => Ok(()),
+            class => {
+                let is = match class {
+                    3 => object(""),
+                    4 => "text".to_owned(),
+                    5 => "a sparse matrix".to_owned(),
+                    16 => "a function".to_owned(),
+                    STRUCTURE | CELL => "nested too deep".to_owned(),
+                    _ => "of a type that is not known".to_owned(),
+                };
+                self.unread.push((full, is));
+                Ok(())
+            }
         }
     }
 
-    fn fields(&mut self, bytes: &[u8], of: &str, depth: usize) -> Result<(), Fault> {
+    /// The fields of a structure, or of each of an array of them.
+    fn fields(&mut self, bytes: &[u8], of: &str, depth: usize, count: usize) -> Result<(), Fault> {
         let length = self.element(bytes)?;
         let names = self.element(length.rest)?;
         let length = self.u32(length.data).ok_or(ENDS_EARLY)? as usize;
+        let all: Vec<String> = names
+            .data
+            .chunks_exact(length.max(1))
+            .map(|name| {
+                let end = name.iter().position(|&byte| byte == 0);
+                String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]).into_owned()
+            })
+            .collect();
+        if all.iter().any(|name| name == "_ObjectMetadata") {
+            self.unread.push((of.to_owned(), object("")));
+            return Ok(());
+        }
         let mut rest = names.rest;
-        for name in names.data.chunks_exact(length.max(1)) {
-            let end = name.iter().position(|&byte| byte == 0);
-            let name = String::from_utf8_lossy(&name[..end.unwrap_or(name.len())]);
-            let field = self.element(rest)?;
-            if field.kind == MATRIX {
-                self.matrix(field.data, &format!("{of}.{name}"), depth + 1)?;
+        for number in 1..=count.min(WIDEST) {
+            for name in &all {
+                let field = self.element(rest)?;
+                if field.kind == MATRIX {
+                    let which = match count {
+                        1 => String::new(),
+                        _ => format!("({number})"),
+                    };
+                    self.matrix(field.data, &format!("{of}{which}.{name}"), depth + 1)?;
+                }
+                rest = field.rest;
             }
-            rest = field.rest;
         }
         Ok(())
     }
@@ -245,18 +336,41 @@ impl File {
             .values
             .checked_sub(numbers.len() as u64)
             .ok_or(Fault::TooLarge)?;
-        match *sizes {
-            [1, _] | [_, 1] => self.columns.push((name.to_owned(), values(numbers))),
+        let column = |numbers: Vec<f64>| values(numbers);
+        let dimensions: Vec<usize> = sizes.iter().copied().filter(|&size| size != 1).collect();
+        match *dimensions {
+            [] | [_] => self.columns.push((name.to_owned(), column(numbers))),
             // One column after the other.
             [rows, columns] if rows > 0 && columns <= WIDEST => {
-                for (number, column) in (1..).zip(numbers.chunks_exact(rows)) {
+                for (number, part) in (1..).zip(numbers.chunks_exact(rows)) {
                     let name = format!("{name}(:,{number})");
-                    self.columns.push((name, values(column.to_vec())));
+                    self.columns.push((name, column(part.to_vec())));
                 }
             }
-            _ => {}
+            // A channel in each row.
+            [rows, columns] if columns > 0 && (1..=WIDEST).contains(&rows) => {
+                for row in 0..rows {
+                    let part = numbers.iter().skip(row).step_by(rows).copied().collect();
+                    let name = format!("{name}({},:)", row + 1);
+                    self.columns.push((name, column(part)));
+                }
+            }
+            _ => {
+                let shown: Vec<String> = sizes.iter().map(ToString::to_string).collect();
+                let is = format!("an array of {} numbers", shown.join(" × "));
+                self.unread.push((name.to_owned(), is));
+            }
         }
         Ok(())
+    }
+}
+
+/// What an object of a class is called.
+fn object(class: &str) -> String {
+    match class {
+        "" => "an object of MATLAB (a timetable, a table, a datetime or a class of its own)"
+            .to_owned(),
+        class => format!("an object of MATLAB's class {class}"),
     }
 }
 

@@ -6,12 +6,12 @@
 use std::io::{Cursor, Read};
 use std::path::Path;
 
-use npyz::{DType, NpyFile, Order, TypeChar};
+use npyz::{DType, NpyFile, Order, TimeUnits, TypeChar, TypeStr};
 use zip::ZipArchive;
 
 use crate::guard::guarded;
 use softrig_formats::bounded::{self, Limits};
-use softrig_formats::columns::Layout;
+use softrig_formats::columns::{Layout, Quantity, TimeUnit};
 use softrig_formats::error::InputError;
 use softrig_formats::formats::{Decimals, Samples, Sheet, Values, damaged, read_whole};
 
@@ -48,9 +48,21 @@ pub fn read_npz(
             1 => name.clone(),
             _ => format!("{name}[{number}]"),
         };
-        sheet.columns.extend(array(&bytes, path, &called)?);
+        match array(&bytes, path, &called)? {
+            Array::Read {
+                columns,
+                in_seconds,
+            } => {
+                let time = layout.names.of(Quantity::Time);
+                if in_seconds && columns.iter().any(|(name, _)| name == time) {
+                    sheet.columns_say.time = Some(TimeUnit::S);
+                }
+                sheet.columns.extend(columns);
+            }
+            Array::Unread(is) => sheet.unread.push((name, is)),
+        }
     }
-    if sheet.columns.is_empty() {
+    if sheet.columns.is_empty() && sheet.unread.is_empty() {
         let is_spreadsheet = archive.file_names().any(|name| name.starts_with("xl/"));
         let (found, advice) = if is_spreadsheet {
             ("is a spreadsheet of Excel", "export the sheet as CSV")
@@ -77,7 +89,16 @@ pub fn read_npy(
     limits: Limits,
 ) -> Result<Samples, InputError> {
     let bytes = read_whole(whole, path, limits)?;
-    let columns = array(&bytes, path, &|number, _| format!("#{}", number + 1))?;
+    let columns = match array(&bytes, path, &|number, _| format!("#{}", number + 1))? {
+        Array::Read { columns, .. } => columns,
+        Array::Unread(is) => {
+            return Err(InputError::new(
+                format!("is {is}, which is not read"),
+                "save numbers: numpy.save(\"run.npy\", array.astype(float))",
+            )
+            .in_file(path));
+        }
+    };
     let sheet = Sheet {
         columns,
         ..Sheet::default()
@@ -90,18 +111,25 @@ fn array(
     bytes: &[u8],
     path: &Path,
     called: &dyn Fn(usize, usize) -> String,
-) -> Result<Vec<(String, Values)>, InputError> {
+) -> Result<Array, InputError> {
     guarded(|| columns(bytes, called))
         .map_err(|said| damaged(path, "NumPy", &said))?
         .map_err(|error| damaged(path, "NumPy", &error))
 }
 
-/// The columns of an array, called by their numbers from 0 and how many there are; none of an
-/// array that holds no numbers, or has more than two dimensions.
-fn columns(
-    bytes: &[u8],
-    called: &dyn Fn(usize, usize) -> String,
-) -> std::io::Result<Vec<(String, Values)>> {
+/// An array of a file.
+enum Array {
+    /// Its columns, and whether they are times in seconds by their type.
+    Read {
+        columns: Vec<(String, Values)>,
+        in_seconds: bool,
+    },
+    /// What it is that is not read.
+    Unread(String),
+}
+
+/// The columns of an array, called by their numbers from 0 and how many there are.
+fn columns(bytes: &[u8], called: &dyn Fn(usize, usize) -> String) -> std::io::Result<Array> {
     let file = NpyFile::new(bytes)?;
     let shape: Vec<usize> = file
         .shape()
@@ -113,15 +141,25 @@ fn columns(
         // A row of MATLAB's kind is one too.
         [rows] | [1, rows] => (rows, 1),
         [rows, count] => (rows, count),
-        _ => return Ok(Vec::new()),
+        ref shape => {
+            return Ok(Array::Unread(format!(
+                "an array of {} dimensions",
+                shape.len()
+            )));
+        }
     };
     // The header may say anything; eight bits are the least that a number has.
     if rows.saturating_mul(count) > bytes.len() {
         return Err(std::io::Error::other("it is shorter than its header says"));
     }
-    let Some(numbers) = numbers(file)? else {
-        return Ok(Vec::new());
+    let kind = match file.dtype() {
+        DType::Plain(kind) => Some(kind),
+        _ => None,
     };
+    let Some(numbers) = numbers(file)? else {
+        return Ok(Array::Unread(named(kind.as_ref())));
+    };
+    let in_seconds = kind.is_some_and(|kind| kind.time_units().is_some());
     let columns = (0..count).map(|column| {
         let values = (0..rows).map(|row| match order {
             Order::C => numbers[row * count + column],
@@ -130,7 +168,54 @@ fn columns(
         let values = Values::Numbers(values.collect(), Decimals::Various);
         (called(column, count), values)
     });
-    Ok(columns.collect())
+    Ok(Array::Read {
+        columns: columns.collect(),
+        in_seconds,
+    })
+}
+
+/// What an array is that holds no numbers.
+fn named(kind: Option<&TypeStr>) -> String {
+    let Some(kind) = kind else {
+        return "a structured array, with several fields in each element".to_owned();
+    };
+    match kind.type_char() {
+        TypeChar::Object => "an array of objects of Python, which are pickled".to_owned(),
+        TypeChar::Complex => "complex".to_owned(),
+        TypeChar::UnicodeStr | TypeChar::ByteStr => "text".to_owned(),
+        TypeChar::TimeDelta | TypeChar::DateTime => {
+            format!("times of the type {kind}, whose unit has no fixed length")
+        }
+        _ => format!("of the type {kind}"),
+    }
+}
+
+/// Seconds in a unit of numpy's times; none in months and years.
+fn seconds(units: TimeUnits) -> Option<f64> {
+    let written = units.to_string();
+    let digits = written.len()
+        - written
+            .trim_start_matches(|it: char| it.is_ascii_digit())
+            .len();
+    let (count, unit) = written.split_at(digits);
+    let count: f64 = if count.is_empty() {
+        1.0
+    } else {
+        count.parse().ok()?
+    };
+    let unit = match unit {
+        "W" => 604_800.0,
+        "D" => 86_400.0,
+        "h" => 3_600.0,
+        "m" => 60.0,
+        "s" => 1.0,
+        "ms" => 1e-3,
+        "us" | "\u{3bc}s" | "\u{b5}s" => 1e-6,
+        "ns" => 1e-9,
+        "ps" => 1e-12,
+        _ => return None,
+    };
+    Some(count * unit)
 }
 
 /// The numbers of an array in its own order; none if it holds something else.
@@ -143,6 +228,21 @@ fn numbers(file: NpyFile<&[u8]>) -> std::io::Result<Option<Vec<f64>>> {
         ($of:ty, $convert:expr) => {
             file.into_vec::<$of>()?.into_iter().map($convert).collect()
         };
+    }
+    if let Some(units) = kind.time_units() {
+        let Some(unit) = seconds(units) else {
+            return Ok(None);
+        };
+        // No time is the smallest number.
+        let all = file.into_vec::<i64>()?.into_iter();
+        let all: Vec<i64> = all.collect();
+        // From the first on, which keeps all digits.
+        let first = all.iter().copied().find(|it| *it != i64::MIN).unwrap_or(0);
+        let time = |it: i64| match it {
+            i64::MIN => f64::NAN,
+            it => it.wrapping_sub(first) as f64 * unit,
+        };
+        return Ok(Some(all.into_iter().map(time).collect()));
     }
     Ok(Some(match (kind.type_char(), kind.size_field()) {
         (TypeChar::Float, 8) => read!(f64, |it| it),

@@ -1,7 +1,9 @@
 //! Parquet: the tables of pandas, polars, DuckDB and R.
 //!
-//! Flat columns of numbers and texts are read, by name and type. The unit of a time column with a
-//! timestamp type is known. Files of `softrig convert` contain the metadata of the recording.
+//! Flat columns of numbers and texts are read, by name and type: decimals with their scale, half
+//! floats, `INT96` of Spark, dates. The unit of a time column with a type of timestamps or durations
+//! is known; durations are told by the schema of Arrow alone, which is in the file. What is not read
+//! is named with its type. Files of `softrig convert` contain the metadata of the recording.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +13,7 @@ use parquet::basic::{
 };
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::column::writer::ColumnWriter;
-use parquet::data_type::{ByteArray, DataType};
+use parquet::data_type::{ByteArray, DataType, Int96};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::{ColumnChunkMetaData, KeyValue, RowGroupMetaData};
 use parquet::file::properties::WriterProperties;
@@ -94,16 +96,32 @@ fn sheet(
         meta: kept.meta.clone(),
         ..Sheet::default()
     };
+    let arrow = about.key_value_metadata().and_then(|entries| {
+        let mut found = entries.iter().filter(|entry| entry.key == "ARROW:schema");
+        found.next()?.value.clone()
+    });
+    let durations = arrow.map_or_else(Vec::new, |text| arrow::durations(&text));
     for (place, column) in schema.columns().iter().enumerate() {
         if column.max_rep_level() > 0 || column.path().parts().len() > 1 {
             // A list or a record in each row: no sensor's column.
+            let name = column.path().parts()[0].clone();
+            if !sheet.unread.iter().any(|(known, _)| *known == name) {
+                let is = if column.max_rep_level() > 0 {
+                    "a column of lists"
+                } else {
+                    "a column of records"
+                };
+                sheet.unread.push((name, is.to_owned()));
+            }
             continue;
         }
         let name = column.name();
-        if name == layout.names.of(Quantity::Time)
-            && let Some(unit) = unit_of_stamps(column)
-        {
-            sheet.columns_say.time = Some(unit);
+        if name == layout.names.of(Quantity::Time) {
+            let duration = durations.iter().find(|(known, _)| known == name);
+            let by_arrow = duration.map(|(_, unit)| *unit);
+            if let Some(unit) = unit_of_stamps(column).or(by_arrow) {
+                sheet.columns_say.time = Some(unit);
+            }
         }
         let mut values: Option<Values> = None;
         for group in 0..reader.num_row_groups() {
@@ -130,7 +148,21 @@ fn sheet(
                 *decimals = Decimals::All(known);
             }
             sheet.columns.push((name.to_owned(), values));
+        } else {
+            sheet.unread.push((name.to_owned(), type_of(column)));
         }
+    }
+    if !sheet.unread.is_empty() {
+        let all: Vec<String> = sheet
+            .unread
+            .iter()
+            .map(|(name, is)| format!("{name} ({is})"))
+            .collect();
+        sheet.warnings.push(format!(
+            "{}: not read, and left out: {}",
+            path.display(),
+            all.join(", ")
+        ));
     }
     Ok(sheet)
 }
@@ -142,6 +174,10 @@ fn unit_of_stamps(column: &ColumnDescriptor) -> Option<TimeUnit> {
         Stamp::MICROS => TimeUnit::Us,
         Stamp::NANOS => TimeUnit::Ns,
     };
+    if column.physical_type() == Physical::INT96 {
+        // They are read as seconds.
+        return Some(TimeUnit::S);
+    }
     match (column.logical_type_ref(), column.converted_type()) {
         (Some(LogicalType::Timestamp(stamp) | LogicalType::Time(stamp)), _) => Some(of(stamp.unit)),
         (_, ConvertedType::TIMESTAMP_MILLIS | ConvertedType::TIME_MILLIS) => Some(TimeUnit::Ms),
@@ -167,6 +203,29 @@ fn read_column(
         Ok(Some(Values::Numbers(values, decimals)))
     }
     let whole = Decimals::All(0);
+    if let Some(scale) = scale_of(column) {
+        let shown = usize::try_from(scale).map_or(Decimals::Various, Decimals::All);
+        let big = |bytes: &[u8]| of_two_complement(bytes) / 10f64.powi(scale);
+        return match reader {
+            ColumnReader::Int32ColumnReader(reader) => {
+                numbers(reader, column, count, shown, |&it| {
+                    f64::from(it) / 10f64.powi(scale)
+                })
+            }
+            ColumnReader::Int64ColumnReader(reader) => {
+                numbers(reader, column, count, shown, |&it| {
+                    it as f64 / 10f64.powi(scale)
+                })
+            }
+            ColumnReader::ByteArrayColumnReader(reader) => {
+                numbers(reader, column, count, shown, |it| big(it.data()))
+            }
+            ColumnReader::FixedLenByteArrayColumnReader(reader) => {
+                numbers(reader, column, count, shown, |it| big(it.data()))
+            }
+            _ => Ok(None),
+        };
+    }
     match reader {
         ColumnReader::BoolColumnReader(reader) => {
             numbers(reader, column, count, whole, |&it| f64::from(u8::from(it)))
@@ -191,9 +250,175 @@ fn read_column(
             };
             cells(reader, column, count, String::new(), text).map(|it| Some(Values::Texts(it)))
         }
-        ColumnReader::Int96ColumnReader(_) | ColumnReader::FixedLenByteArrayColumnReader(_) => {
-            Ok(None)
+        ColumnReader::Int96ColumnReader(reader) => {
+            numbers(reader, column, count, Decimals::Various, seconds_of_int96)
         }
+        ColumnReader::FixedLenByteArrayColumnReader(reader)
+            if matches!(column.logical_type_ref(), Some(LogicalType::Float16)) =>
+        {
+            numbers(reader, column, count, Decimals::Various, |it| {
+                half(it.data())
+            })
+        }
+        ColumnReader::FixedLenByteArrayColumnReader(_) => Ok(None),
+    }
+}
+
+/// How many decimals the whole numbers of a column have.
+fn scale_of(column: &ColumnDescriptor) -> Option<i32> {
+    match (column.logical_type_ref(), column.converted_type()) {
+        (Some(LogicalType::Decimal(decimal)), _) => Some(decimal.scale),
+        (_, ConvertedType::DECIMAL) => Some(column.type_scale()),
+        _ => None,
+    }
+}
+
+/// A whole number with a sign, its highest byte first.
+fn of_two_complement(bytes: &[u8]) -> f64 {
+    let Some((first, rest)) = bytes.split_first() else {
+        return f64::NAN;
+    };
+    let first = i128::from(first.cast_signed());
+    // Of more than sixteen bytes the first are signs: no decimal of 38 digits has more.
+    let all = rest
+        .iter()
+        .fold(first, |all, byte| all.wrapping_shl(8) | i128::from(*byte));
+    all as f64
+}
+
+/// A half float, its lowest byte first.
+fn half(bytes: &[u8]) -> f64 {
+    let [low, high] = *bytes else {
+        return f64::NAN;
+    };
+    let bits = u16::from_le_bytes([low, high]);
+    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
+    sign * match exponent {
+        0 => fraction * 2f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        exponent => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
+    }
+}
+
+/// The time (s since 1970) of Spark and Impala: nanoseconds of a Julian day.
+fn seconds_of_int96(stamp: &Int96) -> f64 {
+    const DAY_OF_1970: f64 = 2_440_588.0;
+    let &[low, high, day] = stamp.data() else {
+        return f64::NAN;
+    };
+    let nanoseconds = u64::from(high) << 32 | u64::from(low);
+    (f64::from(day) - DAY_OF_1970) * 86_400.0 + nanoseconds as f64 / 1e9
+}
+
+/// The type of a column, for messages.
+fn type_of(column: &ColumnDescriptor) -> String {
+    let physical = column.physical_type();
+    match column.logical_type_ref() {
+        Some(logical) => format!("of the type {logical:?}, stored as {physical}"),
+        None => format!("of the type {physical}"),
+    }
+}
+
+/// The schema of Arrow that a Parquet file may have in it, for what Parquet itself cannot say.
+mod arrow {
+    use super::TimeUnit;
+
+    /// The types of columns, by their numbers in Arrow's format.
+    const DURATION: u8 = 18;
+
+    /// The columns that hold durations, and their units; none if the schema cannot be read.
+    pub(super) fn durations(schema: &str) -> Vec<(String, TimeUnit)> {
+        read(&bytes_of(schema)).unwrap_or_default()
+    }
+
+    /// Base 64, without what is no letter of it.
+    fn bytes_of(text: &str) -> Vec<u8> {
+        let letters = text.bytes().filter_map(|byte| {
+            Some(match byte {
+                b'A'..=b'Z' => byte - b'A',
+                b'a'..=b'z' => byte - b'a' + 26,
+                b'0'..=b'9' => byte - b'0' + 52,
+                b'+' => 62,
+                b'/' => 63,
+                _ => return None,
+            })
+        });
+        let letters: Vec<u8> = letters.collect();
+        let mut bytes = Vec::with_capacity(letters.len() * 3 / 4);
+        for four in letters.chunks(4) {
+            let all = four
+                .iter()
+                .fold(0_u32, |all, letter| all << 6 | u32::from(*letter));
+            let all = all << (6 * (4 - four.len()));
+            bytes.extend(&all.to_be_bytes()[1..four.len()]);
+        }
+        bytes
+    }
+
+    fn number<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+        bytes.get(at..at.checked_add(N)?)?.try_into().ok()
+    }
+
+    fn u32_at(bytes: &[u8], at: usize) -> Option<usize> {
+        number(bytes, at).map(|it| u32::from_le_bytes(it) as usize)
+    }
+
+    /// Where a flat buffer refers to from a place.
+    fn follow(bytes: &[u8], at: usize) -> Option<usize> {
+        at.checked_add(u32_at(bytes, at)?)
+    }
+
+    /// Where a field of a table of a flat buffer stands; none if it has its default.
+    fn field(bytes: &[u8], table: usize, number_of: usize) -> Option<usize> {
+        let back = i32::from_le_bytes(number(bytes, table)?);
+        let fields = usize::try_from(i64::try_from(table).ok()? - i64::from(back)).ok()?;
+        let size = usize::from(u16::from_le_bytes(number(bytes, fields)?));
+        let entry = 4 + 2 * number_of;
+        if entry + 2 > size {
+            return None;
+        }
+        match u16::from_le_bytes(number(bytes, fields + entry)?) {
+            0 => None,
+            offset => table.checked_add(usize::from(offset)),
+        }
+    }
+
+    fn read(message: &[u8]) -> Option<Vec<(String, TimeUnit)>> {
+        // A mark and the length stand before the message.
+        let begins = if message.starts_with(&[0xff; 4]) {
+            8
+        } else {
+            4
+        };
+        let bytes = message.get(begins..)?;
+        let root = follow(bytes, 0)?;
+        let schema = follow(bytes, field(bytes, root, 2)?)?;
+        let fields = follow(bytes, field(bytes, schema, 1)?)?;
+        let mut found = Vec::new();
+        for index in 0..u32_at(bytes, fields)? {
+            let column = follow(bytes, fields.checked_add(4 + 4 * index)?)?;
+            let kind = field(bytes, column, 2).and_then(|at| bytes.get(at));
+            if kind != Some(&DURATION) {
+                continue;
+            }
+            let name = follow(bytes, field(bytes, column, 0)?)?;
+            let length = u32_at(bytes, name)?;
+            let name = bytes.get(name + 4..(name + 4).checked_add(length)?)?;
+            let of = follow(bytes, field(bytes, column, 3)?)?;
+            // Milliseconds are the default.
+            let unit =
+                field(bytes, of, 0).map_or(Some(1), |at| number(bytes, at).map(u16::from_le_bytes));
+            let unit = match unit? {
+                0 => TimeUnit::S,
+                1 => TimeUnit::Ms,
+                2 => TimeUnit::Us,
+                _ => TimeUnit::Ns,
+            };
+            found.push((String::from_utf8_lossy(name).into_owned(), unit));
+        }
+        Some(found)
     }
 }
 

@@ -239,6 +239,21 @@ impl Definition {
 
     /// The number at the end of a path of fields; none where there is none.
     pub(crate) fn number(&self, message: &[u8], path: &[&str]) -> Option<f64> {
+        match self.found(message, path)? {
+            Found::Number(number) => Some(number),
+            Found::Text(_) => None,
+        }
+    }
+
+    /// The text at the end of a path of fields; none where there is none.
+    pub(crate) fn text(&self, message: &[u8], path: &[&str]) -> Option<String> {
+        match self.found(message, path)? {
+            Found::Text(text) => Some(text),
+            Found::Number(_) => None,
+        }
+    }
+
+    fn found(&self, message: &[u8], path: &[&str]) -> Option<Found> {
         let mut cursor = Cursor::new(message)?;
         let fields = self.messages.get(&self.main)?;
         self.fields_of(fields, Some(path), &mut cursor, 0).ok()?
@@ -251,7 +266,7 @@ impl Definition {
         path: Option<&[&str]>,
         cursor: &mut Cursor<'_>,
         depth: usize,
-    ) -> Result<Option<f64>, Ended> {
+    ) -> Result<Option<Found>, Ended> {
         for field in fields {
             let inside = path.and_then(|path| match path {
                 [first, rest @ ..] if *first == field.name => Some(rest),
@@ -292,7 +307,7 @@ impl Definition {
         path: Option<&[&str]>,
         cursor: &mut Cursor<'_>,
         depth: usize,
-    ) -> Result<Option<f64>, Ended> {
+    ) -> Result<Option<Found>, Ended> {
         let number = match of {
             "bool" | "byte" | "char" | "uint8" => f64::from(u8::from_le_bytes(cursor.take()?)),
             "int8" => f64::from(i8::from_le_bytes(cursor.take()?)),
@@ -305,9 +320,19 @@ impl Definition {
             "float32" => f64::from(f32::from_le_bytes(cursor.take()?)),
             "float64" => f64::from_le_bytes(cursor.take()?),
             "string" => {
-                let length = cursor.u32()?;
-                cursor.skip(length as usize)?;
-                return Ok(None);
+                let length = cursor.u32()? as usize;
+                let text = cursor.rest().get(..length);
+                let text = path
+                    .filter(|path| path.is_empty())
+                    .and(text)
+                    // It ends with a zero.
+                    .map(|text| {
+                        String::from_utf8_lossy(text)
+                            .trim_end_matches('\0')
+                            .to_owned()
+                    });
+                cursor.skip(length)?;
+                return Ok(text.map(Found::Text));
             }
             other => {
                 let fields = self.messages.get(last_part(other)).ok_or(Ended)?;
@@ -317,8 +342,16 @@ impl Definition {
                 return self.fields_of(fields, path, cursor, depth + 1);
             }
         };
-        Ok(path.filter(|path| path.is_empty()).map(|_| number))
+        Ok(path
+            .filter(|path| path.is_empty())
+            .map(|_| Found::Number(number)))
     }
+}
+
+/// What stands in a field.
+enum Found {
+    Number(f64),
+    Text(String),
 }
 
 /// The message is over, or is not as its definition says.

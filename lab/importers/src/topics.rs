@@ -5,6 +5,10 @@
 //! (CDR) messages are read. The times of a topic are the log times of its messages, from the first
 //! sample on.
 //!
+//! A message like JointState names the values of its arrays, in any order: `position[0]` is the
+//! joint that comes first in the first message, by its name from then on, and `position[finger]` the
+//! one that is called so.
+//!
 //! Separate topics are not sampled together, so there is one row per angle. The pressure is
 //! interpolated between the two messages around it, since a held pressure would lag by half an
 //! interval and shift every time constant. Set-points and states are held, since they jump.
@@ -49,7 +53,17 @@ struct Source {
     path: Vec<String>,
     topic: String,
     encoding: Encoding,
+    /// The name of the value in an array, where the messages name them, and where it stood.
+    joint: Option<(String, usize)>,
+    /// Whether it has moved.
+    has_moved: bool,
 }
+
+/// Arrays of a message whose values have names in the array `name` beside them.
+const NAMED: [&str; 3] = ["position", "velocity", "effort"];
+
+/// Most names of a message that are looked at.
+const MOST_NAMES: usize = 256;
 
 /// How the messages of a topic are written.
 #[derive(Clone, Debug)]
@@ -168,6 +182,8 @@ impl Topics {
                 path,
                 topic: topic.to_owned(),
                 encoding: encoding.clone(),
+                joint: None,
+                has_moved: false,
             }));
         }
         self.sources.insert(number, sources);
@@ -186,8 +202,12 @@ impl Topics {
         message: &[u8],
         limits: Limits,
     ) -> Result<(), InputError> {
-        for source in self.sources.get(&number).into_iter().flatten() {
-            let datum = datum(source, message)?;
+        for source in self.sources.get_mut(&number).into_iter().flatten() {
+            let datum = if source.is_named() {
+                source.named_datum(message)?
+            } else {
+                datum(source, message)?
+            };
             let series = &mut self.series[source.column];
             series.times.push(time_ns);
             series.values.push(datum);
@@ -205,6 +225,15 @@ impl Topics {
     /// Names the topics that there are.
     pub(crate) fn sheet(&mut self, path: &Path, layout: &Layout) -> Result<Sheet, InputError> {
         let mut sheet = Sheet::default();
+        for source in self.sources.values().flatten().filter(|it| it.has_moved) {
+            let name = source.joint.as_ref().map_or("", |(name, _)| name);
+            sheet.warnings.push(format!(
+                "{}: the order of the names on {} changes; {} is read by its name, {name}",
+                path.display(),
+                source.topic,
+                source.path.join(".")
+            ));
+        }
         let missing = |at: usize| self.series[at].times.is_empty();
         if missing(0) || missing(1) {
             return Err(self.without(path, layout));
@@ -310,6 +339,86 @@ fn path_in(topic: &str, called: &str) -> Option<Vec<String>> {
     // `position[0]` is the field 0 of `position`.
     let fields = fields.replace('[', ".").replace(']', "");
     Some(fields.split('.').map(str::to_owned).collect())
+}
+
+impl Source {
+    /// Whether it is a value of an array that has names beside it.
+    fn is_named(&self) -> bool {
+        let [.., array, _] = self.path.as_slice() else {
+            return false;
+        };
+        NAMED.contains(&array.as_str())
+    }
+
+    /// The names beside the array; none if the message has none.
+    fn names(&self, message: &[u8]) -> Vec<String> {
+        let above = &self.path[..self.path.len() - 2];
+        match &self.encoding {
+            Encoding::Ros(definition) => {
+                let path = |index: &str| -> Vec<String> {
+                    above
+                        .iter()
+                        .cloned()
+                        .chain(["name".to_owned(), index.to_owned()])
+                        .collect()
+                };
+                (0..MOST_NAMES)
+                    .map_while(|index| {
+                        let path = path(&index.to_string());
+                        let path: Vec<&str> = path.iter().map(String::as_str).collect();
+                        definition.text(message, &path)
+                    })
+                    .collect()
+            }
+            Encoding::Json => {
+                let message: Value = serde_json::from_slice(message).unwrap_or_default();
+                let object = above.iter().try_fold(&message, |at, field| at.get(field));
+                let names = object
+                    .and_then(|it| it.get("name"))
+                    .and_then(Value::as_array);
+                let names = names.into_iter().flatten();
+                names
+                    .map_while(|name| name.as_str().map(str::to_owned))
+                    .collect()
+            }
+        }
+    }
+
+    /// The value by its name.
+    fn named_datum(&mut self, message: &[u8]) -> Result<Datum, InputError> {
+        let names = self.names(message);
+        if names.is_empty() {
+            return datum(self, message);
+        }
+        let last = self.path.len() - 1;
+        let called = match &self.joint {
+            Some((name, _)) => name.clone(),
+            None => match self.path[last].parse::<usize>() {
+                Ok(index) => names.get(index).cloned().unwrap_or_default(),
+                Err(_) => self.path[last].clone(),
+            },
+        };
+        let Some(place) = names.iter().position(|name| *name == called) else {
+            return Err(InputError::new(
+                format!(
+                    "a message on {} has no joint {called} (it has {})",
+                    self.topic,
+                    names.join(", ")
+                ),
+                format!(
+                    "name another, as {}.{}[JOINT]",
+                    self.topic,
+                    self.path[last - 1]
+                ),
+            ));
+        };
+        let before = self.joint.get_or_insert((called, place)).1;
+        self.has_moved |= before != place;
+        let asked = std::mem::replace(&mut self.path[last], place.to_string());
+        let read = datum(self, message);
+        self.path[last] = asked;
+        read
+    }
 }
 
 /// The value in a message.

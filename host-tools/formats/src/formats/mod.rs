@@ -343,6 +343,8 @@ pub struct Sheet {
     pub warnings: Vec<String>,
     /// Units that the columns' types imply.
     pub columns_say: Columns,
+    /// What is in the file and is not read: its name, and what it is: `a cell array`.
+    pub unread: Vec<(String, String)>,
 }
 
 /// The values of a column.
@@ -375,6 +377,45 @@ impl Sheet {
         self.columns.iter().map(|(name, _)| name.clone()).collect()
     }
 
+    /// Refuses a column that is there and cannot be read, by its name and type.
+    fn check_unread(
+        &self,
+        header: &[String],
+        layout: &Layout,
+        what: &str,
+    ) -> Result<(), InputError> {
+        for wanted in Quantity::ALL.map(|it| layout.names.of(it)) {
+            if header.iter().any(|name| name == wanted) {
+                continue;
+            }
+            let is_it = |name: &str| {
+                let rest = wanted.strip_prefix(name);
+                rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['(', '{', '.', '[', '/']))
+            };
+            let Some((name, is)) = self.unread.iter().find(|(name, _)| is_it(name)) else {
+                continue;
+            };
+            return Err(InputError::new(
+                format!("{what} {name} is {is}, which is not read"),
+                "save it as numbers, one array a quantity, or export the table as CSV",
+            )
+            .in_column(wanted));
+        }
+        Ok(())
+    }
+
+    /// Names what is there as well, and what it is.
+    fn with_unread(&self, mut error: InputError) -> InputError {
+        /// Most that are named.
+        const MOST: usize = 20;
+        if error.found.starts_with("has no ") && !self.unread.is_empty() {
+            let all = self.unread.iter().take(MOST);
+            let all: Vec<String> = all.map(|(name, is)| format!("{name}: {is}")).collect();
+            error.found += &format!("; not read are {}", all.join(", "));
+        }
+        error
+    }
+
     /// Makes samples of it. `what` a column is called in this format: a column, a variable.
     ///
     /// # Errors
@@ -388,7 +429,10 @@ impl Sheet {
         what: &str,
     ) -> Result<Samples, InputError> {
         let header = self.names();
-        let places = names::find(&header, layout, what).map_err(|error| error.in_file(path))?;
+        let places = self
+            .check_unread(&header, layout, what)
+            .and_then(|()| names::find(&header, layout, what))
+            .map_err(|error| self.with_unread(error).in_file(path))?;
         let count = self.columns[places[0]].1.len();
         for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
             let found = self.columns[place].1.len();

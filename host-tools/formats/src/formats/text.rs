@@ -12,6 +12,7 @@ use super::{LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
 use crate::bounded::Limits;
 use crate::columns::{Columns, Layout, Quantity, TimeUnit, Unit, position};
 use crate::error::InputError;
+use crate::left_out::{LeftOut, What};
 use crate::recording::Column;
 use crate::table::{Numbers, Row, Rows, Wanted, is_with_comma, seems_number};
 
@@ -68,6 +69,7 @@ pub fn read(
     // LabVIEW leaves the comment at the end of its rows away.
     let is_lvm = header.first().is_some_and(|name| name == "X_Value")
         && header.last().is_some_and(|name| name == "Comment");
+    let mut bad = BadLines::default();
     while rows.next(&mut record)? {
         let line = record.line();
         // What is known to stand elsewhere stays there.
@@ -75,10 +77,16 @@ pub fn read(
             Some(_) => error.in_file(path),
             None => error.in_file(path).at_line(line),
         };
+        if !samples.is_empty() && is_header_again(&record, &header) {
+            bad.headers.push(line);
+            continue;
+        }
         let is_without_comment = is_lvm && record.width() + 1 == header.len();
         if record.width() != header.len() && !is_without_comment {
             let last = matches!(rows.next(&mut Row::default()), Ok(false));
-            return Err(place(wrong_length(record.width(), header.len(), last)));
+            let error = place(wrong_length(record.width(), header.len(), last));
+            bad.take(line, error);
+            continue;
         }
         let fields = places.map(|column| record.field(column));
         if std::mem::take(&mut first) {
@@ -96,9 +104,14 @@ pub fn read(
                 .check_units_in_names(layout)
                 .map_err(|error| error.in_file(path).at_line(header_line))?;
         }
-        let row = samples
-            .numbers_in(&fields, &mut numbers, line, layout)
-            .map_err(place)?;
+        let row = match samples.numbers_in(&fields, &mut numbers, line, layout) {
+            Ok(row) => row,
+            Err(error) if fields.iter().any(|field| is_no_number(field)) => {
+                bad.take(line, place(error));
+                continue;
+            }
+            Err(error) => return Err(place(error)),
+        };
         if let Some((of, question)) = samples.push(row) {
             let (path, column) = (path.display(), layout.names.of(of));
             samples
@@ -110,6 +123,7 @@ pub fn read(
             kept.fields.push(record.field(column).into_owned());
         }
     }
+    bad.finish(&mut samples, path, layout)?;
     numbers.check().map_err(|error| error.in_file(path))?;
     if numbers.have_commas() {
         let fields = samples.extra.iter_mut().flat_map(|it| &mut it.fields);
@@ -166,6 +180,74 @@ impl Samples {
     }
 }
 
+/// Largest share of the lines that may be no rows.
+const BAD_SHARE: f64 = 0.05;
+
+/// Lines that are no rows: torn, cut off, or said by a board while it starts.
+#[derive(Default)]
+struct BadLines {
+    lines: Vec<u64>,
+    /// Lines that repeat the header.
+    headers: Vec<u64>,
+    first: Option<InputError>,
+}
+
+impl BadLines {
+    fn take(&mut self, line: u64, error: InputError) {
+        self.lines.push(line);
+        self.first.get_or_insert(error);
+    }
+
+    /// Says what was left out, or refuses it if it is too much.
+    fn finish(self, samples: &mut Samples, path: &Path, layout: &Layout) -> Result<(), InputError> {
+        let share = self.lines.len() as f64 / (samples.len() + self.lines.len()) as f64;
+        if let Some(first) = self.first {
+            if layout.strict || share > BAD_SHARE {
+                let more = self.lines.len() - 1;
+                return Err(match more {
+                    0 => first,
+                    _ => InputError {
+                        found: format!("{} ({more} more lines are no rows either)", first.found),
+                        ..first
+                    },
+                });
+            }
+            let places = self.lines.iter().map(|line| format!("line {line}"));
+            let text = format!("left out; the first of them {}", first.found);
+            let said = LeftOut::new(What::BadLine, path, places, text);
+            samples.left_out.push(said);
+        }
+        if !self.headers.is_empty() {
+            let places = self.headers.iter().map(|line| format!("line {line}"));
+            let text = "left out, as after a reset of the board";
+            let said = LeftOut::new(What::RepeatedHeader, path, places, text);
+            samples.left_out.push(said);
+        }
+        Ok(())
+    }
+}
+
+/// Whether a row is the header again.
+fn is_header_again(row: &Row, header: &[String]) -> bool {
+    row.width() == header.len()
+        && header
+            .iter()
+            .enumerate()
+            .all(|(at, name)| row.field(at) == name.as_str())
+}
+
+/// Whether a field is no number, in whatever country: what is written in another way than the rest
+/// is no damage.
+fn is_no_number(field: &str) -> bool {
+    match field.replace(',', ".").parse::<f64>() {
+        Ok(number) => number.is_nan() || number.abs() > LARGEST_NUMBER,
+        Err(_) => {
+            let is_of_number = |c: char| c.is_ascii_digit() || "+-.,".contains(c);
+            !(field.contains(',') && field.chars().all(is_of_number)) && !stamps::is_like_one(field)
+        }
+    }
+}
+
 /// Most lines above the header: those of LabVIEW and of loggers are some dozens.
 const LINES_ABOVE: usize = 200;
 
@@ -203,11 +285,17 @@ fn units_row(
         let by_user = layout.columns.unit(quantity);
         let bare = field.trim_matches(['[', ']', '(', ')', '-', ' ']);
         match (unit, by_user) {
-            (_, Some(unit)) => remarks.push(format!(
-                "{} is read in {}, as you said",
-                quantity.key(),
-                unit.name()
-            )),
+            (written, Some(unit)) => {
+                let other = written.filter(|written| *written != unit);
+                let although = other.map_or_else(String::new, |written| {
+                    format!(", although this row says {}", written.name())
+                });
+                remarks.push(format!(
+                    "{} is read in {}, as you said{although}",
+                    quantity.key(),
+                    unit.name()
+                ));
+            }
             (Some(unit), None) => {
                 said.set(unit);
                 remarks.push(format!("{} in {}", quantity.key(), unit.name()));

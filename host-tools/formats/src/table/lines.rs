@@ -13,8 +13,20 @@ pub(super) struct Lines {
     at: u64,
     /// Whether the last byte ended a line, or none was read.
     ended: bool,
+    /// Whether it was a carriage return: with a line feed behind it it is one end.
+    returned: bool,
     /// Places at which something follows an end of a line, and their lines.
     starts: VecDeque<(u64, u64)>,
+}
+
+/// The line ends in a piece of text: of Unix, of Windows, and of old Macs.
+pub(super) fn ends_in(text: &[u8]) -> u64 {
+    let mut lines = Lines::after(0);
+    for byte in text {
+        lines.take(std::slice::from_ref(byte));
+        lines.starts.clear();
+    }
+    lines.line - 1
 }
 
 impl Lines {
@@ -24,6 +36,7 @@ impl Lines {
             line: lines + 1,
             at: 0,
             ended: true,
+            returned: false,
             starts: VecDeque::new(),
         }
     }
@@ -36,7 +49,8 @@ impl Lines {
                 self.starts.push_back((self.at, self.line));
             }
             self.ended = ends;
-            self.line += u64::from(*byte == b'\n');
+            self.line += u64::from(ends && !(*byte == b'\n' && self.returned));
+            self.returned = *byte == b'\r';
             self.at += 1;
         }
     }
@@ -63,6 +77,7 @@ mod tests {
         }
         // The reader looks on from where it found the end of a row.
         let found = [0, 4, 9, 16].map(|from| lines.of_row(from));
-        assert_eq!(found, [4, 7, 8, 9]);
+        assert_eq!(found, [4, 7, 8, 10]);
+        assert_eq!(ends_in(b"a\rb\r\rc\r\n"), 4);
     }
 }

@@ -8,6 +8,7 @@
 
 mod lines;
 mod numbers;
+mod prefix;
 mod top;
 
 use std::borrow::Cow;
@@ -22,13 +23,14 @@ use crate::error::InputError;
 use lines::Lines;
 pub(crate) use numbers::is_with_comma;
 pub use numbers::{Numbers, seems_number};
+use prefix::Unprefixed;
 use top::Top;
 
 /// Bytes that are looked at in one go for the header.
 const PIECE: usize = 8192;
 
-/// Bytes that tell UTF-16 without a mark from other text.
-const START: u64 = 4;
+/// Bytes that tell UTF-16 from other text.
+const START: u64 = 64;
 
 /// What tells the header of a table from the lines above it.
 #[derive(Clone, Copy)]
@@ -96,6 +98,20 @@ fn text_of(field: &[u8]) -> Cow<'_, str> {
     Cow::Owned(text.trim().to_owned())
 }
 
+/// Whether a text only begins as UTF-16 with a mark does, by what a board says while it starts: every
+/// other byte of letters would be zero.
+fn only_looks_marked(start: &[u8]) -> bool {
+    let high = match start {
+        [0xff, 0xfe, ..] => 1,
+        [0xfe, 0xff, ..] => 0,
+        _ => return false,
+    };
+    let units = start[2..].chunks_exact(2);
+    let count = units.len();
+    let letters = units.filter(|unit| unit[high] == 0).count();
+    count > 4 && letters < count / 4
+}
+
 /// UTF-16 without a mark at its start: every other byte of its first letters is zero.
 fn encoding_of(start: &[u8]) -> Option<&'static Encoding> {
     match start {
@@ -105,7 +121,7 @@ fn encoding_of(start: &[u8]) -> Option<&'static Encoding> {
     }
 }
 
-type Decoded<R> = DecodeReaderBytes<std::io::Chain<Cursor<Vec<u8>>, R>, Vec<u8>>;
+type Decoded<R> = Unprefixed<DecodeReaderBytes<std::io::Chain<Cursor<Vec<u8>>, R>, Vec<u8>>>;
 
 /// A text of which the beginning was looked at.
 struct Begun<R: Read> {
@@ -168,9 +184,10 @@ impl<'a, R: Read> Rows<'a, R> {
             .encoding(encoding_of(&start))
             .utf8_passthru(true)
             .strip_bom(true)
+            .bom_sniffing(!only_looks_marked(&start))
             .build_with_buffer(Cursor::new(start).chain(text), vec![0; PIECE])
             .map_err(fail)?;
-        let mut bounded = Bounded::new(decoded, limits);
+        let mut bounded = Bounded::new(Unprefixed::new(decoded), limits);
         let mut top = Top::new(wanted);
         while !top.is_complete() {
             let mut piece = [0; PIECE];

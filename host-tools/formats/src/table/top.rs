@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::lines::ends_in;
 use super::{Header, Wanted, seems_number, text_of};
 
 /// Any number of blanks: what numpy's `savetxt` and Fortran write.
@@ -92,8 +93,7 @@ impl<'a> Top<'a> {
 
     /// The line ends before a place.
     fn lines_before(&self, place: usize) -> u64 {
-        let lines = self.seen[..place].split(|&byte| byte == b'\n');
-        lines.count() as u64 - 1
+        ends_in(&self.seen[..place])
     }
 
     /// Where the line ends that begins at `self.at`, its line end included. A line end
@@ -247,7 +247,10 @@ impl<'a> Top<'a> {
         let fits = splits
             .iter()
             .position(|(names, _)| (self.wanted.names)(names));
+        // Names have blanks and commas in them, rarely tabs and semicolons.
+        let clear = splits[..2].iter().position(|(names, _)| names.len() > 1);
         let best = fits
+            .or(clear)
             .or_else(|| splits.iter().position(|(names, _)| names.len() > 2))
             .or_else(|| splits.iter().position(|(names, _)| names.len() > 1))
             .unwrap_or(DELIMITERS.len() - 2);
