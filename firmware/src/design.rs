@@ -67,6 +67,14 @@ pub const RETURN_S: f32 = 30.0;
 
 // ---- Commanded against observed ----
 
+/// How far (Pa) above the limit the pressure may be by the volume that was pushed and the air that was found
+/// behind the plunger: farther is the fault gas law. An actuator that swells by 2 ml per 100 kPa
+/// comes 6 kPa beyond at the largest set-point.
+pub const BEYOND_LIMIT_PA: f32 = 10_000.0;
+
+/// The same where the pump stands: it goes there ever more slowly, and the fault comes before.
+pub const STOPS_PA: f32 = 13_000.0;
+
 /// Sensor and prediction disagree if they differ by more than this (rad), 15°, one of them is
 /// less than half of the other, and there is pressure: without pressure the remaining angle is
 /// friction and creep.

@@ -8,9 +8,12 @@
 //! Where the counter stood when the switch let go is how far it was off: the steps that were lost
 //! since the home before.
 //!
+//! At the start position sensor and vent are tested ([`crate::sight`]), before any run pushes.
+//!
 //! The stroke is measured on the way back, so that steps lost in the sudden stop at the pushed-in
 //! switch do not count: from the place where that one lets go to the one where the retracted
-//! switch does, both left slowly.
+//! switch does, both left slowly. On the way out the same test is made every quarter of the air that is left:
+//! with an open vent a sensor that sees nothing looks like one that sees no pressure.
 
 use wire::{
     fault::Fault,
@@ -23,6 +26,7 @@ use crate::{
         LONGEST_STROKE_UL, MEASURING_SHARE, SEARCH_SHARE, START_SHARE, START_UL,
     },
     io::{Inputs, Outputs, Pump, Valve},
+    sight::{self, Found, Sight},
 };
 
 /// Periods for which a released switch has to stay so.
@@ -34,9 +38,9 @@ const SETTLING: u8 = 5;
 /// Distances and speeds, from the settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
-    max_volume: f32,
-    max_flow: f32,
-    volume_per_step: f32,
+    pub(crate) max_volume: f32,
+    pub(crate) max_flow: f32,
+    pub(crate) volume_per_step: f32,
 }
 
 impl Config {
@@ -54,7 +58,8 @@ impl Config {
         START_UL.min(self.max_volume * START_SHARE)
     }
 
-    fn rate(&self, share: f32) -> f32 {
+    /// A share of the fastest flow (microsteps/s), as far as a tube lets it in.
+    pub(crate) fn rate(&self, share: f32) -> f32 {
         FASTEST_SEARCH.min(self.max_flow * share) / self.volume_per_step
     }
 }
@@ -71,6 +76,8 @@ enum Phase {
     Zero,
     /// Going to the start position.
     Approach,
+    /// There: testing sensor and vent.
+    Look,
     /// Measuring: going to the pushed-in switch.
     Out,
     /// It answers: standing still, as in [`Self::Stop`].
@@ -95,7 +102,7 @@ enum Task {
 }
 
 /// The progress of homing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Homing {
     phase: Phase,
     task: Task,
@@ -109,6 +116,12 @@ pub struct Homing {
     /// Where the counter stood (microsteps) when the retracted switch let go first.
     let_go_at: i32,
     stroke: Option<u32>,
+    /// The test of sensor and vent, while there is one.
+    sight: Option<Sight>,
+    /// What the last one found.
+    found: Option<Found>,
+    /// Measuring: where (µl) the next one is due.
+    look_at: f32,
 }
 
 /// The result of one period of homing.
@@ -129,6 +142,9 @@ impl Homing {
             task: Task::Home,
             let_go_at: 0,
             stroke: None,
+            sight: None,
+            found: None,
+            look_at: 0.0,
             phase: if inputs.retracted_end {
                 Phase::Stop
             } else {
@@ -166,13 +182,52 @@ impl Homing {
         self.let_go_at
     }
 
+    /// What the last test of sensor and vent found.
+    pub fn found(&self) -> Option<Found> {
+        self.found
+    }
+
+    /// How late the pressure sensor is (ms), as far as that is known, also where the test failed.
+    pub fn delay_ms(&self) -> Option<u16> {
+        match &self.sight {
+            Some(sight) => sight.delay_ms(),
+            None => self.found.map(|found| found.delay_ms),
+        }
+    }
+
     /// The stroke (microsteps), once it is measured.
     pub fn stroke(&self) -> Option<u32> {
         self.stroke
     }
 
-    /// Lets one control period pass.
-    pub fn step(&mut self, config: &Config, inputs: &Inputs) -> Progress {
+    /// Tests sensor and vent, while that is under way. A plunger that comes to the pushed-in switch ends it.
+    #[inline(never)]
+    fn look(&mut self, config: &Config, inputs: &Inputs, pressure: f32) -> Option<Progress> {
+        let sight = self.sight.as_mut()?;
+        if inputs.pushed_end {
+            self.sight = None;
+            return None;
+        }
+        self.before = inputs.steps;
+        let volume = inputs.steps as f32 * config.volume_per_step;
+        match sight.step(config, volume, pressure) {
+            sight::Progress::Moving(outputs) => Some(Progress::Moving(outputs)),
+            sight::Progress::Failed(fault) => Some(Progress::Failed(fault)),
+            sight::Progress::Done(found) => {
+                self.sight = None;
+                self.found = Some(found);
+                self.look_at = volume + found.unseen();
+                (self.phase == Phase::Look).then_some(Progress::Done)
+            }
+        }
+    }
+
+    /// Lets one control period pass; `pressure` is the smoothed reading (Pa).
+    pub fn step(&mut self, config: &Config, inputs: &Inputs, pressure: f32) -> Progress {
+        if let Some(progress) = self.look(config, inputs, pressure) {
+            return progress;
+        }
+        let volume = inputs.steps as f32 * config.volume_per_step;
         let moved = inputs.steps.wrapping_sub(self.from) as f32 * config.volume_per_step;
         let moves = inputs.steps != self.before;
         self.before = inputs.steps;
@@ -231,10 +286,15 @@ impl Homing {
                     Task::Stroke => Phase::Out,
                     Task::Home | Task::From(_) => Phase::Approach,
                 };
+                self.look_at = 0.0;
                 self.enter(next, inputs.steps);
             }
             Phase::Out if inputs.pushed_end => self.enter(Phase::Far, self.from),
             Phase::Out if moved > LONGEST_STROKE_UL => return Progress::Failed(Fault::Stall),
+            Phase::Out if volume >= self.look_at => {
+                let air = self.found.map(|found| found.air - found.unseen());
+                self.sight = Some(Sight::start(config, volume, air));
+            }
             Phase::Far if !inputs.pushed_end => self.enter(Phase::Out, self.from),
             Phase::Far if settled => self.enter(Phase::Leave, inputs.steps),
             Phase::Leave if !inputs.pushed_end => {
@@ -244,16 +304,13 @@ impl Homing {
             Phase::Leave if -moved > let_go => return Progress::Failed(Fault::EndSwitch),
             // It is where it was not to be yet: the motor skipped, or a wire broke.
             Phase::Back if inputs.retracted_end => return Progress::Failed(Fault::EndSwitch),
-            Phase::Back
-                if inputs.steps as f32 * config.volume_per_step <= config.start_volume() =>
-            {
+            Phase::Back if volume <= config.start_volume() => {
                 self.enter(Phase::Close, inputs.steps);
             }
             Phase::Close if -moved > let_go => return Progress::Failed(Fault::Stall),
-            Phase::Approach
-                if inputs.steps as f32 * config.volume_per_step >= config.start_volume() =>
-            {
-                return Progress::Done;
+            Phase::Approach if volume >= config.start_volume() => {
+                self.sight = Some(Sight::start(config, volume, None));
+                self.enter(Phase::Look, inputs.steps);
             }
             _ => {}
         }
@@ -267,7 +324,7 @@ impl Homing {
                 Task::From(_) => MEASURING_SHARE,
             })),
             Phase::Leave => Pump::Rate(-config.rate(MEASURING_SHARE)),
-            Phase::Stop | Phase::Zero | Phase::Far => Pump::Brake,
+            Phase::Stop | Phase::Zero | Phase::Far | Phase::Look => Pump::Brake,
         };
         Progress::Moving(Outputs {
             pump,
@@ -308,9 +365,11 @@ mod tests {
         let mut homing = Homing::start(&plant.inputs());
         for period in 0..10_000 {
             let inputs = plant.inputs();
-            match homing.step(&config, &inputs) {
+            match homing.step(&config, &inputs, plant.pressure as f32) {
                 Progress::Moving(outputs) => {
-                    assert_eq!(outputs.valve, Valve::Open);
+                    if matches!(outputs.pump, Pump::Rate(rate) if rate < 0.0) {
+                        assert_eq!(outputs.valve, Valve::Open);
+                    }
                     plant.step(&outputs);
                 }
                 Progress::Done => return Ok(f64::from(period) / 100.0),
@@ -377,26 +436,26 @@ mod tests {
         };
         let mut reversed = Homing::start(&at(0, false));
         assert!(matches!(
-            reversed.step(&config, &at(-10, false)),
+            reversed.step(&config, &at(-10, false), 0.0),
             Progress::Moving(_)
         ));
         assert_eq!(
-            reversed.step(&config, &at(-20, true)),
+            reversed.step(&config, &at(-20, true), 0.0),
             Progress::Failed(Fault::MotorReversed)
         );
         let mut leaving = Homing::start(&at(0, true));
         assert!(matches!(
-            leaving.step(&config, &at(-10, true)),
+            leaving.step(&config, &at(-10, true), 0.0),
             Progress::Moving(_)
         ));
         assert!(matches!(
-            leaving.step(&config, &at(-20, false)),
+            leaving.step(&config, &at(-20, false), 0.0),
             Progress::Moving(_)
         ));
         let mut stays = Homing::start(&at(0, true));
         let far = -(config.max_volume * LONGEST_BACK_OFF / config.volume_per_step) as i32 - 2;
         assert_eq!(
-            stays.step(&config, &at(far, true)),
+            stays.step(&config, &at(far, true), 0.0),
             Progress::Failed(Fault::MotorReversed)
         );
     }
@@ -413,7 +472,7 @@ mod tests {
             for period in 1.. {
                 plant.retracted_end = (period == at).then_some(true);
                 let inputs = plant.inputs();
-                match homing.step(&config, &inputs) {
+                match homing.step(&config, &inputs, plant.pressure as f32) {
                     Progress::Moving(outputs) => plant.step(&outputs),
                     Progress::Done => break,
                     Progress::Failed(fault) => panic!("{fault:?}"),
@@ -438,7 +497,7 @@ mod tests {
         let mut homing = Homing::start(&inputs);
         for period in 0..10_000 {
             inputs.retracted_end = period % 7 == 0;
-            match homing.step(&config, &inputs) {
+            match homing.step(&config, &inputs, 0.0) {
                 Progress::Moving(Outputs {
                     pump: Pump::Rate(rate),
                     ..
@@ -463,8 +522,8 @@ mod tests {
     fn measure(plant: &mut Plant) -> Result<u32, Fault> {
         let config = Config::of(&plant.settings);
         let mut homing = Homing::measuring(&plant.inputs());
-        for _ in 0..20_000 {
-            match homing.step(&config, &plant.inputs()) {
+        for _ in 0..30_000 {
+            match homing.step(&config, &plant.inputs(), plant.pressure as f32) {
                 Progress::Moving(outputs) => plant.step(&outputs),
                 Progress::Done => return Ok(homing.stroke().expect("it was measured")),
                 Progress::Failed(fault) => return Err(fault),
@@ -496,7 +555,7 @@ mod tests {
         let mut homing = Homing::measuring(&plant.inputs());
         let fault = (0..20_000).find_map(|_| {
             plant.pushed_end |= plant.plunger > 30e3;
-            match homing.step(&config, &plant.inputs()) {
+            match homing.step(&config, &plant.inputs(), plant.pressure as f32) {
                 Progress::Moving(outputs) => plant.step(&outputs),
                 Progress::Done => panic!("measured"),
                 Progress::Failed(fault) => return Some(fault),
@@ -515,7 +574,9 @@ mod tests {
         plant.zero -= 350.0;
         let config = Config::of(&plant.settings);
         let mut homing = Homing::start(&plant.inputs());
-        while let Progress::Moving(outputs) = homing.step(&config, &plant.inputs()) {
+        while let Progress::Moving(outputs) =
+            homing.step(&config, &plant.inputs(), plant.pressure as f32)
+        {
             plant.step(&outputs);
         }
         assert!((homing.let_go_at() - 1_000).abs() < 10, "{homing:?}");

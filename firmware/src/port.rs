@@ -17,7 +17,8 @@ use wire::{
 
 use crate::{
     app::{App, Texts},
-    io::{Inputs, Outputs},
+    design::PERIOD_MS,
+    io::{Inputs, Outputs, Pump},
     past::Past,
     store::Eeprom,
 };
@@ -78,6 +79,10 @@ pub trait Board {
 
     /// Looks after itself, once in a period while the rig rests: this may take some milliseconds.
     fn look(&mut self, time_ms: u32);
+
+    /// Measures the supply in one of the next periods, in which the sensors' readings are those of the
+    /// period before.
+    fn measure_supply(&mut self);
 
     /// A period was completed; whether the rig is armed. A watchdog wants to hear it.
     fn completed(&mut self, is_armed: bool);
@@ -151,6 +156,8 @@ impl App {
         let Ok(()) = self.report(&texts, serial, probe);
         if rests {
             board.look(time_ms);
+        } else if self.state() != State::Homing && is_supply_due(time_ms, &outputs) {
+            board.measure_supply();
         }
         board.completed(is_armed);
         if self.hangs() {
@@ -162,6 +169,17 @@ impl App {
     fn rests(&self) -> bool {
         matches!(self.state(), State::Idle | State::Fault)
     }
+}
+
+/// Whether the supply of a rig that is homed is to be measured: each second if the pump rests, when a reading that
+/// is repeated harms least, and each eighth in any case. Powers of two, since a division takes 500 cycles.
+fn is_supply_due(time_ms: u32, outputs: &Outputs) -> bool {
+    let rests = match outputs.pump {
+        Pump::Off | Pump::Brake => true,
+        Pump::Rate(rate) => rate == 0.0,
+    };
+    let every_ms = if rests { 1_024 } else { 8_192 };
+    time_ms % every_ms < u32::from(PERIOD_MS)
 }
 
 #[cfg(test)]
@@ -232,6 +250,8 @@ mod tests {
         /// Whether the rig was armed, each time that a period was completed.
         completed: Vec<bool>,
         samples: Vec<Telemetry>,
+        /// How often the supply was to be measured.
+        measured: u32,
         looked: usize,
         hung: bool,
     }
@@ -284,6 +304,10 @@ mod tests {
             self.looked += 1;
         }
 
+        fn measure_supply(&mut self) {
+            self.measured += 1;
+        }
+
         fn completed(&mut self, is_armed: bool) {
             self.completed.push(is_armed);
         }
@@ -319,6 +343,7 @@ mod tests {
                     completed: Vec::new(),
                     samples: Vec::new(),
                     looked: 0,
+                    measured: 0,
                     hung: false,
                 },
                 assembler: Assembler::new(),

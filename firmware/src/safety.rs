@@ -100,6 +100,10 @@ conditions! {
     /// The settings in use are not those that were stored, because these are
     /// damaged; true until valid ones are saved.
     settings_damaged: Settings ALWAYS,
+    /// The converter's reference moved since the rig was armed; see [`crate::supply`].
+    supply_moved: Supply WHILE_ARMED,
+    /// Both sensors moved alike while nothing was pushed; see [`crate::ground`].
+    ground_moved: Ground WHILE_ARMED,
     /// The pressure sensor has no reading.
     pressure_sensor: PressureSensor WHILE_ARMED,
     /// The flex sensor has no reading.
@@ -129,6 +133,10 @@ conditions! {
     out_of_reach: Reach WHILE_ARMED,
     /// In closed loop, sensor and prediction show different angles.
     disagreement: Disagreement WHILE_ARMED,
+    /// Volume was pushed in, and the pressure sensor did not show it; see [`crate::sight`].
+    blind: Blind WHILE_ARMED,
+    /// The pressure sensor is later than the pump's speed allows; see [`crate::sight`].
+    late: Late WHILE_ARMED,
     /// A control period took longer than it may.
     overrun: Overrun WHILE_ARMED,
     /// Nothing was heard from the computer for longer than the settings allow.
@@ -221,33 +229,43 @@ pub enum Event {
     Clear,
 }
 
+/// When the valve may be closed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Closing {
+    /// Never.
+    Never,
+    /// While the plunger does not go back: with the valve shut it would suck the actuator flat.
+    UnlessRetracting,
+    /// At any time.
+    Always,
+}
+
 /// What the actuators may do in a state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Permit {
     /// The pump's driver may be on.
     pub pump: bool,
-    /// The valve may be closed.
-    pub valve_closed: bool,
+    /// When the valve may be closed.
+    pub valve: Closing,
 }
 
 impl Permit {
     /// The permit of a state.
     ///
-    /// Homing keeps the valve open: a plunger that retracts with the valve shut
-    /// would suck the actuator flat.
+    /// Homing closes the valve to test whether the sensor sees what is pushed.
     pub const fn of(state: State) -> Self {
         match state {
             State::Idle | State::Fault => Self {
                 pump: false,
-                valve_closed: false,
+                valve: Closing::Never,
             },
             State::Homing => Self {
                 pump: true,
-                valve_closed: false,
+                valve: Closing::UnlessRetracting,
             },
             State::Ready | State::Running => Self {
                 pump: true,
-                valve_closed: true,
+                valve: Closing::Always,
             },
         }
     }
@@ -381,13 +399,19 @@ impl Supervisor {
     /// A rate that is not a number stops the pump.
     pub fn restrain(&self, outputs: Outputs) -> Outputs {
         let permit = self.permit();
+        let retracts = matches!(outputs.pump, Pump::Rate(rate) if rate < 0.0);
+        let may_close = match permit.valve {
+            Closing::Never => false,
+            Closing::UnlessRetracting => !retracts,
+            Closing::Always => true,
+        };
         Outputs {
             pump: match outputs.pump {
                 _ if !permit.pump => Pump::Off,
                 Pump::Rate(rate) if !rate.is_finite() => Pump::Brake,
                 pump => pump,
             },
-            valve: if permit.valve_closed {
+            valve: if may_close {
                 outputs.valve
             } else {
                 Valve::Open
@@ -437,6 +461,10 @@ mod tests {
             disagreement: bit(Fault::Disagreement),
             gas_law: bit(Fault::GasLaw),
             image_damaged: bit(Fault::Image),
+            blind: bit(Fault::Blind),
+            late: bit(Fault::Late),
+            supply_moved: bit(Fault::Supply),
+            ground_moved: bit(Fault::Ground),
             pressurised: bits >> Fault::ALL.len() & 1 == 1,
             supply_low: bits >> (Fault::ALL.len() + 1) & 1 == 1,
         }
@@ -446,12 +474,12 @@ mod tests {
         conditions(1 << (fault.code() - 1))
     }
 
-    /// All sets of at most four conditions, and what is left of everything without them:
+    /// All sets of at most three conditions, and what is left of everything without them:
     /// no rule of the supervisor looks at more than two at once.
     fn all_conditions() -> impl Iterator<Item = Conditions> {
         const EVERYTHING: u32 = (1 << (Fault::ALL.len() + 2)) - 1;
         (0..=EVERYTHING)
-            .filter(|bits| bits.count_ones().min((EVERYTHING & !bits).count_ones()) <= 4)
+            .filter(|bits| bits.count_ones().min((EVERYTHING & !bits).count_ones()) <= 3)
             .map(conditions)
     }
 
@@ -526,7 +554,11 @@ mod tests {
             assert_eq!((outputs.pump, outputs.valve), (Pump::Off, Valve::Open));
         }
         if it.state() == State::Homing {
-            assert_eq!(outputs.valve, Valve::Open);
+            let retracting = Outputs {
+                pump: Pump::Rate(-1.0),
+                ..GREEDY
+            };
+            assert_eq!(it.restrain(retracting).valve, Valve::Open);
         }
     }
 
@@ -644,6 +676,10 @@ mod tests {
 | gas law | shown | stops | stops | stops |
 | restart | stops | stops | stops | stops |
 | image | stops | stops | stops | stops |
+| blind | shown | stops | stops | stops |
+| late sensor | shown | stops | stops | stops |
+| supply | shown | stops | stops | stops |
+| ground | shown | stops | stops | stops |
 "
         );
     }
@@ -668,10 +704,10 @@ mod tests {
                 "| {} | {} | {} |",
                 state.name(),
                 if permit.pump { "may move" } else { "off" },
-                if permit.valve_closed {
-                    "may close"
-                } else {
-                    "open"
+                match permit.valve {
+                    Closing::Never => "open",
+                    Closing::UnlessRetracting => "may close, not while the plunger goes back",
+                    Closing::Always => "may close",
                 }
             );
             assert!(page.contains(&row), "{row}");

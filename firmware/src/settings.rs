@@ -19,7 +19,10 @@ use wire::{
     },
 };
 
-use crate::sensing::{Calibration, flex, flex::Flex, pressure::Pressure};
+use crate::{
+    sensing::{Calibration, flex, flex::Flex, pressure::Pressure},
+    stepper,
+};
 
 const _: () = assert!(
     FLEX_POINTS == flex::MOST_POINTS
@@ -27,9 +30,12 @@ const _: () = assert!(
         && TABLE_NODES as usize == MAX_NODES
 );
 
-/// Most microsteps from the retracted end to the largest volume: as far as a
-/// single-precision number counts every step.
-const MOST_STEPS: f32 = 16_777_216.0;
+/// Longest time (s) from the retracted end to the largest volume with the fastest pulses. A screw that takes
+/// longer is none for this board: more likely `ul.step` is not of this screw.
+const LONGEST_STROKE_S: f32 = 120.0;
+
+/// Most microsteps over that way. A single-precision number counts seven times as many.
+const MOST_STEPS: f32 = LONGEST_STROKE_S * stepper::FASTEST;
 
 /// Longest time (s) from standstill to the fastest flow. A plunger approaches its place with that
 /// time constant: from 50 ml to a microstep it takes eleven of them.
@@ -434,7 +440,7 @@ mod tests {
             ((Key::PressureSpan, 0.1), Flaw::LimitBeyondSensor),
             ((Key::SetpointMax, 140.0), Flaw::SetpointBeyondLimit),
             ((Key::SetpointMaxPressure, 190.0), Flaw::SetpointBeyondLimit),
-            ((Key::VolumePerStep, 1e-3), Flaw::TooManySteps),
+            ((Key::VolumePerStep, 0.02), Flaw::TooManySteps),
         ] {
             assert_eq!(examine(&with(&[change])), Err(flaw), "{change:?}");
         }

@@ -33,6 +33,12 @@ pub fn window(largest: f32) -> f32 {
     largest * WINDOW
 }
 
+/// Whether a pressure that rose (Pa) by that much follows a volume (µl) that was pushed in.
+pub fn follows(largest: f32, pushed: f32, rise: f32) -> bool {
+    let promised = ATMOSPHERE_PA * pushed / (AIR * largest);
+    rise >= promised * SHARE
+}
+
 /// Where the present compression began.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
@@ -51,8 +57,7 @@ impl Watch {
                     return false;
                 }
                 self.start = Some((volume, pressure));
-                let promised = ATMOSPHERE_PA * (volume - from) / (AIR * largest);
-                pressure - at < promised * SHARE
+                !follows(largest, volume - from, pressure - at)
             }
             _ => {
                 // Open, or on the way back: a compression starts here.

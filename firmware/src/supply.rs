@@ -27,6 +27,18 @@ pub fn is_low(reading: Oversampled) -> bool {
     reading.0 > MOST
 }
 
+/// One part in so many by which the reference may move while the rig is armed: 4 %.
+const MOST_MOVED: u16 = 25;
+
+/// Whether the reference moved since the rig was armed.
+///
+/// The sensors and the converter have the same supply, so a reading is none the worse for one that sags; it
+/// is if the two part, and which of it happened nobody can tell from here. So nothing is corrected.
+pub fn has_moved(armed: Oversampled, now: Oversampled) -> bool {
+    let are_known = armed.0 > 0 && armed.is_measured() && now.is_measured();
+    are_known && armed.0.abs_diff(now.0) > armed.0 / MOST_MOVED
+}
+
 /// The supply (mV); none where it was not measured.
 pub fn millivolts(reading: Oversampled) -> Option<u16> {
     let sum = Some(reading).filter(|it| it.is_measured())?.0;
@@ -50,6 +62,23 @@ mod tests {
             assert!((found / volts - 1.0).abs() < 0.003, "{volts}: {found}");
             assert_eq!(is_low(reading(volts)), volts < 4.5, "{volts}");
         }
+    }
+
+    #[test]
+    fn a_supply_that_moves_by_a_twentieth_has_moved() {
+        let armed = reading(5.0);
+        for (volts, moved) in [
+            (4.75, true),
+            (4.85, false),
+            (5.0, false),
+            (5.15, false),
+            (5.3, true),
+        ] {
+            assert_eq!(has_moved(armed, reading(volts)), moved, "{volts}");
+        }
+        assert!(!has_moved(Oversampled::NOT_MEASURED, armed));
+        assert!(!has_moved(armed, Oversampled::NOT_MEASURED));
+        assert!(!has_moved(Oversampled::default(), armed));
     }
 
     #[test]

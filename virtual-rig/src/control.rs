@@ -3,13 +3,13 @@
 
 use std::str::FromStr;
 
-use virtual_rig::{Fault, ResetCause, VirtualRig};
+use virtual_rig::{Defect, Fault, ResetCause, VirtualRig};
 
 /// A command.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Control {
-    /// `fault KIND on|off`, `press KIND`, `release KIND`
-    Fault(Fault, bool),
+    /// `fault KIND[=SIZE] on|off`, `press KIND`, `release KIND`
+    Fault(Defect, bool),
     /// `bend DEGREES`, `bend off`
     Bend(Option<f64>),
     /// `tilt DEGREES`
@@ -55,7 +55,7 @@ const RESTS: std::ops::RangeInclusive<f64> = 0.0..=86_400.0;
 /// Supplies with which the processor runs (V).
 const SUPPLIES: std::ops::RangeInclusive<f64> = 2.8..=5.5;
 
-const COMMANDS: &str = "fault KIND on|off, press emergency-stop|end-switch, \
+const COMMANDS: &str = "fault KIND[=SIZE] on|off, press emergency-stop|end-switch, \
                         release emergency-stop|end-switch, bend DEGREES|off, tilt DEGREES, \
                         load GRAMS, tube MILLIMETRES, rest SECONDS, supply VOLTS, replace actuator, reset, \
                         power-cycle, status, quit";
@@ -65,11 +65,14 @@ impl FromStr for Control {
 
     fn from_str(line: &str) -> Result<Self, String> {
         let words: Vec<&str> = line.split_whitespace().collect();
-        let fault = |name: &str| name.parse::<Fault>().map_err(|error| error.to_string());
+        let fault = |name: &str| name.parse::<Defect>().map_err(|error| error.to_string());
         let switch = |name: &str| match fault(name)? {
-            fault @ (Fault::EmergencyStop | Fault::EndSwitch) => Ok(fault),
-            other => Err(format!(
-                "{other} cannot be pressed; use emergency-stop or end-switch"
+            it @ Defect {
+                fault: Fault::EmergencyStop | Fault::EndSwitch,
+                ..
+            } => Ok(it),
+            Defect { fault, .. } => Err(format!(
+                "{fault} cannot be pressed; use emergency-stop or end-switch"
             )),
         };
         let number = |text: &str, range: std::ops::RangeInclusive<f64>, what: &str, unit: &str| {
@@ -109,9 +112,9 @@ impl FromStr for Control {
 /// Does what a command asks and returns the reply.
 pub fn obey(control: Control, rig: &mut VirtualRig, connected: bool) -> String {
     match control {
-        Control::Fault(fault, on) => {
-            rig.set_fault(fault, on);
-            format!("ok {fault} {}", if on { "on" } else { "off" })
+        Control::Fault(defect, on) => {
+            rig.set_fault(defect, on);
+            format!("ok {} {}", defect.fault, if on { "on" } else { "off" })
         }
         Control::Bend(angle_deg) => {
             rig.bend(angle_deg);
@@ -192,11 +195,15 @@ mod tests {
     fn commands_are_read_and_mistakes_explained() {
         assert_eq!(
             "fault leak on".parse(),
-            Ok(Control::Fault(Fault::Leak, true))
+            Ok(Control::Fault(Fault::Leak.into(), true))
+        );
+        assert_eq!(
+            "fault late=0.7s on".parse(),
+            Ok(Control::Fault(Fault::Late.into(), true))
         );
         assert_eq!(
             " release  end-switch ".parse(),
-            Ok(Control::Fault(Fault::EndSwitch, false))
+            Ok(Control::Fault(Fault::EndSwitch.into(), false))
         );
         assert_eq!("status".parse(), Ok(Control::Status));
         assert_eq!("bend 30".parse(), Ok(Control::Bend(Some(30.0))));
@@ -209,6 +216,7 @@ mod tests {
         assert_eq!("replace actuator".parse(), Ok(Control::Replace));
         for (line, hint) in [
             ("fault flood on", "open-flex"),
+            ("fault late=soon on", "late=0.7s"),
             ("press leak", "emergency-stop"),
             ("fault leak", "power-cycle"),
             ("bend up", "140"),

@@ -32,6 +32,17 @@ pub enum Fault {
     DetachedFlex,
     /// The pressure sensor shows less and less, by 0.5 kPa a second.
     DriftingPressure,
+    /// The tube to the pressure sensor is half clogged: it shows the pressure late, as of first order.
+    Late,
+    /// One kink in a common branch takes the pressure sensor and the vent away from the actuator.
+    Branch,
+    /// The converter's reference drifts away from the sensors' supply: every count shrinks, that of
+    /// the processor's 1.1 V too.
+    Reference,
+    /// The sensors' ground drifts: the voltages of both change alike.
+    Ground,
+    /// The mains couples into both sensors' wires.
+    Mains,
     /// A coil of the motor has no current: it trembles and does not turn.
     LostCoil,
     /// The switch at the retracted end reads pressed.
@@ -60,7 +71,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 30] = [
         Self::OpenFlex,
         Self::ShortFlex,
         Self::StuckFlex,
@@ -74,6 +85,11 @@ impl Fault {
         Self::EndSwitch,
         Self::DetachedFlex,
         Self::DriftingPressure,
+        Self::Late,
+        Self::Branch,
+        Self::Reference,
+        Self::Ground,
+        Self::Mains,
         Self::LostCoil,
         Self::RetractedSwitch,
         Self::ReversedMotor,
@@ -104,6 +120,11 @@ impl Fault {
             Self::EndSwitch => "end-switch",
             Self::DetachedFlex => "detached-flex",
             Self::DriftingPressure => "drifting-pressure",
+            Self::Late => "late",
+            Self::Branch => "branch",
+            Self::Reference => "reference",
+            Self::Ground => "ground",
+            Self::Mains => "mains",
             Self::LostCoil => "lost-coil",
             Self::RetractedSwitch => "retracted-switch",
             Self::ReversedMotor => "reversed-motor",
@@ -117,6 +138,113 @@ impl Fault {
             Self::PowerCut => "power-cut",
             Self::Unplugged => "unplugged",
         }
+    }
+
+    /// How large it is where nothing else is said.
+    pub const fn size(self) -> Size {
+        match self {
+            Self::DriftingPressure => Size::Drift(-0.5),
+            Self::Late => Size::Time(0.7),
+            Self::Reference => Size::Share(-0.01),
+            Self::Ground => Size::Shift(-10.0),
+            Self::Mains => Size::Wave {
+                hertz: 50.0,
+                millivolts: 60.0,
+            },
+            _ => Size::Fixed,
+        }
+    }
+}
+
+/// How large a fault is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Size {
+    /// There is one size.
+    Fixed,
+    /// A time constant (s).
+    Time(f64),
+    /// What a reading gains in a second (kPa/s).
+    Drift(f64),
+    /// The share by which a reading changes in a second (1/s).
+    Share(f64),
+    /// What a voltage gains in a second (mV/s).
+    Shift(f64),
+    /// A sine on a voltage.
+    Wave {
+        /// Its frequency (Hz).
+        hertz: f64,
+        /// Its amplitude (mV).
+        millivolts: f64,
+    },
+}
+
+impl Size {
+    /// How it is written.
+    const fn example(self) -> &'static str {
+        match self {
+            Self::Fixed => "nothing",
+            Self::Time(_) => "0.7s",
+            Self::Drift(_) => "-0.5kPa/s",
+            Self::Share(_) => "-1%/s",
+            Self::Shift(_) => "-10mV/s",
+            Self::Wave { .. } => "50Hz,60mV",
+        }
+    }
+
+    /// Reads one of the same kind.
+    fn read(self, text: &str) -> Option<Self> {
+        let number = |text: &str, unit: &str| {
+            let number = text.strip_suffix(unit)?.trim().parse().ok();
+            number.filter(|number: &f64| number.is_finite())
+        };
+        Some(match self {
+            Self::Fixed => return None,
+            Self::Time(_) => Self::Time(number(text, "s").filter(|&time| time > 0.0)?),
+            Self::Drift(_) => Self::Drift(number(text, "kPa/s")?),
+            Self::Share(_) => Self::Share(number(text, "%/s")? / 100.0),
+            Self::Shift(_) => Self::Shift(number(text, "mV/s")?),
+            Self::Wave { .. } => {
+                let (hertz, millivolts) = text.split_once(',')?;
+                Self::Wave {
+                    hertz: number(hertz, "Hz").filter(|&hertz| hertz > 0.0)?,
+                    millivolts: number(millivolts, "mV")?,
+                }
+            }
+        })
+    }
+}
+
+/// A fault with its size: `KIND` or `KIND=SIZE`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Defect {
+    /// The fault.
+    pub fault: Fault,
+    /// Its size.
+    pub size: Size,
+}
+
+impl From<Fault> for Defect {
+    fn from(fault: Fault) -> Self {
+        Self {
+            fault,
+            size: fault.size(),
+        }
+    }
+}
+
+impl FromStr for Defect {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let Some((name, size)) = text.split_once('=') else {
+            return text.parse().map(Fault::into);
+        };
+        let fault: Fault = name.parse()?;
+        let size = fault.size().read(size).ok_or(FaultError::Size {
+            fault,
+            size: size.into(),
+        })?;
+        Ok(Self { fault, size })
     }
 }
 
@@ -133,12 +261,27 @@ pub enum FaultError {
     /// There is no such fault.
     #[error("there is no fault `{0}`; use one of {list}", list = names())]
     Unknown(String),
-    /// The time is missing or not a number.
+    /// Its size is none.
+    #[error("`{size}` is no size of {fault}: {}", advice(*fault))]
+    Size {
+        /// The fault.
+        fault: Fault,
+        /// What is no size.
+        size: String,
+    },
+    /// A time is not a number.
     #[error("`{0}` does not say when; write for example leak@12.5 or leak@12.5..20 (seconds)")]
     NoTime(String),
     /// The end is not after the start.
     #[error("`{0}` ends before it starts; write the earlier time first")]
     Backwards(String),
+}
+
+fn advice(fault: Fault) -> String {
+    match fault.size() {
+        Size::Fixed => format!("it has one size; write {fault}"),
+        size => format!("write for example {fault}={}", size.example()),
+    }
 }
 
 fn names() -> String {
@@ -160,11 +303,12 @@ impl FromStr for Fault {
     }
 }
 
-/// A fault with the time at which it happens: `KIND@SECONDS[..SECONDS]`.
+/// A fault with the time at which it happens: `KIND[=SIZE][@SECONDS[..SECONDS]]`, without a time from
+/// the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planned {
     /// The fault.
-    pub fault: Fault,
+    pub defect: Defect,
     /// When it starts, in seconds of simulated time.
     pub from_s: f64,
     /// When it ends; never, if there is nothing. A power cut without an end
@@ -177,8 +321,14 @@ impl FromStr for Planned {
 
     fn from_str(text: &str) -> Result<Self, FaultError> {
         let no_time = || FaultError::NoTime(text.into());
-        let (fault, times) = text.split_once('@').ok_or_else(no_time)?;
-        let fault: Fault = fault.parse()?;
+        let Some((defect, times)) = text.split_once('@') else {
+            return Ok(Self {
+                defect: text.parse()?,
+                from_s: 0.0,
+                until_s: None,
+            });
+        };
+        let defect = defect.parse()?;
         let seconds = |text: &str| {
             text.parse()
                 .ok()
@@ -193,7 +343,7 @@ impl FromStr for Planned {
             return Err(FaultError::Backwards(text.into()));
         }
         Ok(Self {
-            fault,
+            defect,
             from_s,
             until_s,
         })
@@ -216,15 +366,16 @@ mod tests {
         assert_eq!(
             "leak@1.5..4".parse(),
             Ok(Planned {
-                fault: Fault::Leak,
+                defect: Fault::Leak.into(),
                 from_s: 1.5,
                 until_s: Some(4.0)
             })
         );
+        let from_the_start: Planned = "branch".parse().unwrap();
+        assert_eq!((from_the_start.from_s, from_the_start.until_s), (0.0, None));
         let planned: Planned = "stall@3".parse().unwrap();
         assert_eq!((planned.from_s, planned.until_s), (3.0, None));
         for text in [
-            "leak",
             "leak@",
             "leak@-1",
             "leak@x",
@@ -240,6 +391,39 @@ mod tests {
             "leak@4..1".parse::<Planned>(),
             Err(FaultError::Backwards(_))
         ));
+        for (text, fault, size) in [
+            ("late=0.3s", Fault::Late, Size::Time(0.3)),
+            ("reference=-3%/s", Fault::Reference, Size::Share(-0.03)),
+            ("ground=+10mV/s", Fault::Ground, Size::Shift(10.0)),
+            ("drifting-pressure=-2kPa/s", Fault::DriftingPressure, Size::Drift(-2.0)),
+            (
+                "mains=60Hz,30mV",
+                Fault::Mains,
+                Size::Wave {
+                    hertz: 60.0,
+                    millivolts: 30.0,
+                },
+            ),
+        ] {
+            let planned: Planned = format!("{text}@2").parse().unwrap();
+            assert_eq!(planned.defect, Defect { fault, size }, "{text}");
+        }
+        for (text, advice) in [
+            ("late=fast", "late=0.7s"),
+            ("late=-1s", "late=0.7s"),
+            ("late=1", "late=0.7s"),
+            ("mains=50Hz", "mains=50Hz,60mV"),
+            ("ground=nan mV/s", "ground=-10mV/s"),
+            ("leak=3s", "write leak"),
+        ] {
+            let message = text.parse::<Planned>().unwrap_err().to_string();
+            assert!(message.contains(advice), "{message}");
+        }
+        // Every size is read as its advice writes it.
+        for fault in Fault::ALL {
+            let size = fault.size();
+            assert_eq!(size.read(size.example()).is_none(), size == Size::Fixed);
+        }
         let message = "flood@1".parse::<Planned>().unwrap_err().to_string();
         assert!(message.contains("flood") && message.contains("open-flex"));
     }

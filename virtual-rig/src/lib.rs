@@ -24,7 +24,7 @@ pub mod wiring;
 
 pub use bench::Bench;
 pub use board::{Board, BoardError, Mark, MarkTotal, Pin, ResetCause, State, Stepper};
-pub use fault::{Fault, Planned};
+pub use fault::{Defect, Fault, Planned, Size};
 pub use image::{Image, ImageError};
 pub use plant::PlantConfig;
 pub use rig::{Options, Truth, VirtualRig, default_actuator};

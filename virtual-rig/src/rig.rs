@@ -7,7 +7,7 @@
 //! Nothing depends on the time of day: the same image, seed and input at the
 //! same cycles give the same output.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeMap, f64::consts::TAU};
 
 use model_core::actuator::Model;
 use model_core::dynamics::Dynamics;
@@ -21,7 +21,7 @@ use crate::{
         Board, BoardError, CLOCK_HZ, Mark, MarkTotal, ResetCause, SUPPLY_MILLIVOLTS, State,
         Stepper, StepperWiring,
     },
-    fault::{Fault, Planned},
+    fault::{Defect, Fault, Planned, Size},
     image::Image,
     noise::Noise,
     plant::{
@@ -59,8 +59,6 @@ pub struct Options {
     /// True seconds in one of the board's: above 1 its clock is slow. A ceramic resonator, as
     /// the Mega has, is off by up to 0.5 %.
     pub clock_factor: f64,
-    /// How fast a drifting pressure sensor shows less (Pa/s).
-    pub drift_pa_per_s: f64,
 }
 
 impl Default for Options {
@@ -80,7 +78,6 @@ impl Options {
             faults: Vec::new(),
             keeps_reset_flags: false,
             clock_factor: 1.0,
-            drift_pa_per_s: 500.0,
         }
     }
 }
@@ -168,9 +165,9 @@ pub struct VirtualRig {
     loader: Option<(Bootloader, u64)>,
     power_on_at: Option<u64>,
     supply_mv: u32,
-    faults: BTreeSet<Fault>,
-    drift_pa_per_s: f64,
-    pressure_drift_millivolts: f64,
+    /// What lasts, with its size.
+    faults: BTreeMap<Fault, Size>,
+    drifts: Drifts,
     planned: Vec<(Planned, ServeState)>,
     /// How it stands.
     placement: Placement,
@@ -179,6 +176,52 @@ pub struct VirtualRig {
     output: Vec<u8>,
     keep_marks: bool,
     marks: Vec<Mark>,
+}
+
+/// How far what drifts has come. What is mended is as it was.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Drifts {
+    /// The pressure sensor's reading (kPa).
+    pressure_kpa: f64,
+    /// Every count of the converter (share).
+    reference: f64,
+    /// The voltages of both sensors (mV).
+    ground_millivolts: f64,
+    /// What the mains adds to both (mV).
+    mains_millivolts: f64,
+}
+
+impl Drifts {
+    /// The least share of a count that is left: a reference of five times the supply.
+    const LEAST: f64 = -0.8;
+
+    /// Lets time (s) pass with faults, until a time (s).
+    fn step(&mut self, faults: &BTreeMap<Fault, Size>, dt: f64, now: f64) {
+        let Self {
+            pressure_kpa,
+            reference,
+            ground_millivolts,
+            ..
+        } = *self;
+        *self = Self::default();
+        for (&fault, &size) in faults {
+            match (fault, size) {
+                (Fault::DriftingPressure, Size::Drift(rate)) => {
+                    self.pressure_kpa = pressure_kpa + rate * dt;
+                }
+                (Fault::Reference, Size::Share(rate)) => {
+                    self.reference = (reference + rate * dt).max(Self::LEAST);
+                }
+                (Fault::Ground, Size::Shift(rate)) => {
+                    self.ground_millivolts = ground_millivolts + rate * dt;
+                }
+                (Fault::Mains, Size::Wave { hertz, millivolts }) => {
+                    self.mains_millivolts = millivolts * (TAU * hertz * now).sin();
+                }
+                _ => {}
+            }
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -227,9 +270,8 @@ impl VirtualRig {
             loader: None,
             power_on_at: None,
             supply_mv: SUPPLY_MILLIVOLTS,
-            faults: BTreeSet::new(),
-            drift_pa_per_s: options.drift_pa_per_s,
-            pressure_drift_millivolts: 0.0,
+            faults: BTreeMap::new(),
+            drifts: Drifts::default(),
             planned: options
                 .faults
                 .into_iter()
@@ -445,10 +487,10 @@ impl VirtualRig {
     }
 
     fn line_noise(&mut self, bytes: &[u8], direction: Direction) -> Vec<u8> {
-        if self.faults.contains(&Fault::Unplugged) {
+        if self.faults.contains_key(&Fault::Unplugged) {
             return Vec::new();
         }
-        if !self.faults.contains(&Fault::Noise) {
+        if !self.faults.contains_key(&Fault::Noise) {
             return bytes.into();
         }
         match direction {
@@ -501,10 +543,10 @@ impl VirtualRig {
             angle_deg: self.plant.angle_deg(),
             pressure_kpa: self.plant.pressure_kpa(),
             plunger_mm,
-            valve_open: if self.faults.contains(&Fault::VentShut) {
+            valve_open: if self.faults.contains_key(&Fault::VentShut) {
                 false
             } else {
-                !driven(wiring::VENT_VALVE) || self.faults.contains(&Fault::VentOpen)
+                !driven(wiring::VENT_VALVE) || self.faults.contains_key(&Fault::VentOpen)
             },
             driver_enabled: self.powered && self.board.driven(wiring::ENABLE) == Some(false),
             light_on: driven(wiring::LIGHT),
@@ -518,30 +560,34 @@ impl VirtualRig {
     fn end_switches(&self, plunger_mm: f64) -> (bool, bool) {
         let far = self.plant.config().syringe.pushed_in_switch_mm;
         (
-            plunger_mm <= 0.0 || self.faults.contains(&Fault::RetractedSwitch),
-            plunger_mm >= far || self.faults.contains(&Fault::EndSwitch),
+            plunger_mm <= 0.0 || self.faults.contains_key(&Fault::RetractedSwitch),
+            plunger_mm >= far || self.faults.contains_key(&Fault::EndSwitch),
         )
     }
 
     fn step_plant(&mut self) {
         self.follow_plan();
-        if self.faults.contains(&Fault::DriftingPressure) {
-            self.pressure_drift_millivolts -= self.drift_pa_per_s
-                * PressureSensor::MILLIVOLTS_PER_PA
-                * (PLANT_CYCLES as f64 * self.cycle_s);
-        }
-        let drift = SensorFault::Drifted(self.pressure_drift_millivolts);
+        let interval = PLANT_CYCLES as f64 * self.cycle_s;
+        self.drifts.step(&self.faults, interval, self.time_s());
+        let drift = SensorFault::Drifted(
+            self.drifts.pressure_kpa * 1e3 * PressureSensor::MILLIVOLTS_PER_PA,
+        );
         let sensor = |states: [(Fault, SensorFault); 4]| {
             states
                 .into_iter()
-                .find(|(fault, _)| self.faults.contains(fault))
+                .find(|(fault, _)| self.faults.contains_key(fault))
                 .map_or(SensorFault::None, |(_, state)| state)
         };
         let truth = self.plant();
         let inputs = Inputs {
             plunger_mm: truth.plunger_mm,
             valve_closed: !truth.valve_open,
-            leaking: self.faults.contains(&Fault::Leak),
+            leaking: self.faults.contains_key(&Fault::Leak),
+            late_s: match self.faults.get(&Fault::Late) {
+                Some(&Size::Time(seconds)) => Some(seconds),
+                _ => None,
+            },
+            kinked: self.faults.contains_key(&Fault::Branch),
             flex: sensor([
                 (Fault::OpenFlex, SensorFault::Open),
                 (Fault::ShortFlex, SensorFault::Shorted),
@@ -561,21 +607,31 @@ impl VirtualRig {
 
     fn drive_pins(&mut self) {
         let truth = self.plant();
-        let supply_mv = if self.faults.contains(&Fault::LowSupply) {
+        let supply_mv = if self.faults.contains_key(&Fault::LowSupply) {
             LOW_SUPPLY_MV
         } else {
             self.supply_mv
         };
-        self.board.set_supply(supply_mv);
+        let Drifts {
+            reference,
+            ground_millivolts,
+            mains_millivolts,
+            ..
+        } = self.drifts;
+        // Some volts.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let reference_mv = (f64::from(supply_mv) / (1.0 + reference)).round() as u32;
+        self.board.set_supply(reference_mv);
         // Both sensors are ratiometric: their voltages are shares of the supply.
         let share = f64::from(supply_mv) / f64::from(SUPPLY_MILLIVOLTS);
+        let added = ground_millivolts + mains_millivolts;
         for (channel, voltage) in [
             (wiring::PRESSURE_CHANNEL, self.plant.pressure_voltage()),
             (wiring::FLEX_CHANNEL, self.plant.flex_voltage()),
         ] {
             self.board.set_analog(
                 channel,
-                voltage.millivolts * share,
+                voltage.millivolts * share + added,
                 voltage.noise_rms_millivolts * share,
             );
         }
@@ -584,7 +640,7 @@ impl VirtualRig {
             (wiring::PUSHED_IN_SWITCH, truth.pushed_in_pressed),
             (
                 wiring::EMERGENCY_STOP,
-                self.faults.contains(&Fault::EmergencyStop),
+                self.faults.contains_key(&Fault::EmergencyStop),
             ),
         ] {
             self.board.set_input(pin, pressed);
@@ -596,7 +652,8 @@ impl VirtualRig {
     /// Starts or ends a fault now. A [`Fault::BrownOut`] resets the board at
     /// once and does not last; [`Fault::Hang`] and [`Fault::Deaf`] last until a reset; [`Fault::PowerCut`] is
     /// [`VirtualRig::power_cut`] and [`VirtualRig::power_on`].
-    pub fn set_fault(&mut self, fault: Fault, on: bool) {
+    pub fn set_fault(&mut self, defect: impl Into<Defect>, on: bool) {
+        let Defect { fault, size } = defect.into();
         match (fault, on) {
             (Fault::BrownOut, true) => self.reset(ResetCause::BrownOut),
             (Fault::Hang | Fault::Deaf, true) => self.board.hang(fault == Fault::Deaf),
@@ -606,27 +663,26 @@ impl VirtualRig {
             }
             (Fault::PowerCut, false) => self.power_on(),
             (_, true) => {
-                self.faults.insert(fault);
+                self.faults.insert(fault, size);
             }
             (_, false) => {
                 self.faults.remove(&fault);
             }
         }
-        if !self.faults.contains(&Fault::DriftingPressure) {
-            self.pressure_drift_millivolts = 0.0;
-        }
-        self.board.stall(self.faults.contains(&Fault::Stall));
+        // What was mended does not wait for the plant's next step.
+        self.drifts.step(&self.faults, 0.0, self.time_s());
+        self.board.stall(self.faults.contains_key(&Fault::Stall));
         self.board
-            .skip_steps(self.faults.contains(&Fault::LostSteps));
-        self.board.tremble(self.faults.contains(&Fault::LostCoil));
+            .skip_steps(self.faults.contains_key(&Fault::LostSteps));
+        self.board.tremble(self.faults.contains_key(&Fault::LostCoil));
         self.board
-            .reverse(self.faults.contains(&Fault::ReversedMotor));
+            .reverse(self.faults.contains_key(&Fault::ReversedMotor));
         self.drive_pins();
     }
 
     /// The faults that last at the moment.
     pub fn faults(&self) -> impl Iterator<Item = Fault> + '_ {
-        self.faults.iter().copied()
+        self.faults.keys().copied()
     }
 
     /// Plans a fault for a time to come (s of simulated time).
@@ -643,15 +699,15 @@ impl VirtualRig {
             let (planned, progress) = self.planned[index];
             if progress == ServeState::Waiting && now >= planned.from_s {
                 self.planned[index].1 = ServeState::Happening;
-                self.set_fault(planned.fault, true);
-                if planned.fault == Fault::PowerCut && planned.until_s.is_none() {
+                self.set_fault(planned.defect, true);
+                if planned.defect.fault == Fault::PowerCut && planned.until_s.is_none() {
                     self.power_on_after(POWER_CUT_S);
                 }
             } else if progress == ServeState::Happening
                 && planned.until_s.is_some_and(|until| now >= until)
             {
                 self.planned[index].1 = ServeState::Over;
-                self.set_fault(planned.fault, false);
+                self.set_fault(planned.defect, false);
             }
         }
     }

@@ -34,7 +34,8 @@ use crate::{
 /// a second, so that avrdude can write an image.
 #[derive(Args, Debug)]
 #[command(after_help = "\
-Faults, as KIND@SECONDS or KIND@SECONDS..SECONDS of simulated time:
+Faults, as KIND[=SIZE] from the start, KIND[=SIZE]@SECONDS or KIND[=SIZE]@SECONDS..SECONDS of
+simulated time:
   open-flex, short-flex, stuck-flex              flex sensor at 0 V, at 5 V, frozen
   open-pressure, short-pressure, stuck-pressure  the same for the pressure sensor
   leak             the air escapes with a time constant of 3 s
@@ -43,7 +44,12 @@ Faults, as KIND@SECONDS or KIND@SECONDS..SECONDS of simulated time:
   emergency-stop   the button is pressed
   end-switch       the switch at the pushed-in end reads pressed
   detached-flex    the flex sensor has come off: zero, with much noise
-  drifting-pressure  the pressure sensor shows less and less, 0.5 kPa/s
+  drifting-pressure=-0.5kPa/s  the pressure sensor shows less and less
+  late=0.7s        the tube to the pressure sensor is clogged: it shows the pressure late
+  branch           a kink takes the pressure sensor and the vent, on one branch, away
+  reference=-1%/s  every count of the converter shrinks, that of its 1.1 V too
+  ground=-10mV/s   the sensors' ground drifts: both voltages change alike
+  mains=50Hz,60mV  a sine on both sensors' voltages
   lost-coil        a coil of the motor has no current: it trembles
   retracted-switch the switch at the retracted end reads pressed
   reversed-motor   two wires of a motor coil are swapped
@@ -63,6 +69,7 @@ Examples:
   virtual-rig serve --image firmware.elf --hide 7 --effect gravity
   virtual-rig serve --image firmware.elf --bench-seed 3
   virtual-rig serve --image firmware.elf --fault leak@12.5 --fault noise@3..5
+  virtual-rig serve --image firmware.elf --fault late=0.4s
   virtual-rig serve --link rig-port       (empty board: flash it with avrdude)
   virtual-rig serve --image firmware.elf --speed max --duration 30")]
 pub struct ServeArgs {
@@ -105,7 +112,7 @@ pub struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     eeprom: Option<PathBuf>,
     /// Something that goes wrong, at a time in seconds; repeatable
-    #[arg(long = "fault", value_name = "KIND@SECONDS[..SECONDS]")]
+    #[arg(long = "fault", value_name = "KIND[=SIZE][@SECONDS[..SECONDS]]")]
     faults: Vec<Planned>,
     /// Turn the base by so many degrees: a weight pulls another way
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, value_parser = within(TILTS, "degrees"), allow_hyphen_values = true)]
@@ -125,7 +132,7 @@ pub struct ServeArgs {
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     duration: Option<f64>,
     /// Read commands from standard input, one a line, and answer each with one
-    /// line: fault KIND on|off, press KIND, release KIND, bend DEGREES|off,
+    /// line: fault KIND[=SIZE] on|off, press KIND, release KIND, bend DEGREES|off,
     /// tilt DEGREES, load GRAMS, tube MILLIMETRES, rest SECONDS, replace actuator,
     /// reset, power-cycle, status, quit
     #[arg(long)]

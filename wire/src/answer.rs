@@ -332,6 +332,11 @@ pub struct Machine {
     /// The board's supply (mV), nominally 5 V, by the processor's own reference, which is good for a
     /// tenth. Measured once a second at rest; none before, and from firmware that did not measure it.
     pub supply_mv: Option<u16>,
+    /// How late the pressure sensor is (ms), the vent's own time included, as the last arming found; none
+    /// before.
+    pub delay_ms: Option<u16>,
+    /// Air behind the plunger at its start (µl), likewise.
+    pub air_ul: Option<u32>,
 }
 
 impl Machine {
@@ -342,6 +347,8 @@ impl Machine {
             stroke_steps: known(fields.next()?)?,
             lost_steps: known(fields.next()?)?,
             supply_mv: fields.next().map_or(Some(None), known)?,
+            delay_ms: fields.next().map_or(Some(None), known)?,
+            air_ul: fields.next().map_or(Some(None), known)?,
         })
     }
 }
@@ -352,7 +359,11 @@ impl uDisplay for Machine {
         f.write_char(' ')?;
         or_nan(f, self.lost_steps.map(Whole))?;
         f.write_char(' ')?;
-        or_nan(f, self.supply_mv.map(|supply| Count(u32::from(supply))))
+        or_nan(f, self.supply_mv.map(|supply| Count(u32::from(supply))))?;
+        f.write_char(' ')?;
+        or_nan(f, self.delay_ms.map(|delay| Count(u32::from(delay))))?;
+        f.write_char(' ')?;
+        or_nan(f, self.air_ul.map(Count))
     }
 }
 
@@ -503,6 +514,8 @@ mod tests {
                 stroke_steps: place.map(|_| long),
                 lost_steps: image.map(|_| bits[0].cast_signed()),
                 supply_mv: place.map(|_| words[5]),
+                delay_ms: image.map(|_| words[0]),
+                air_ul: place.map(|_| long),
             };
             prop_assert_eq!(Machine::parse(&text(&machine)), Some(machine));
             let [angle, rate, pressure] = bits.map(f32::from_bits);

@@ -107,6 +107,18 @@ faults! {
     /// The checksum of the flash is not that of the image that was built.
     Image = 21, "image",
         "The firmware in the board's flash is damaged or only half uploaded: upload it again.";
+    /// Volume was pushed in with the valve closed, and the pressure sensor did not show it.
+    Blind = 22, "blind",
+        "Air was pushed in and the pressure sensor did not show it: look for a kinked tube to sensor or vent, a vent that stays open, a leak.";
+    /// The pressure sensor shows the pressure later than the pump's speed allows.
+    Late = 23, "late sensor",
+        "The pressure sensor is too late for this pump: look for a clogged or long tube to it, or lower max.flow.";
+    /// The converter's reference moved while the rig was armed.
+    Supply = 24, "supply",
+        "The 5 V of the board moved while the rig was armed: look at the USB cable, and at what else hangs on 5 V.";
+    /// Both sensors moved alike while nothing was pushed.
+    Ground = 25, "ground",
+        "Both sensors moved alike while nothing was pushed: look at their common ground and 5 V wires.";
 }
 
 #[cfg(test)]

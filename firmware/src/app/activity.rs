@@ -53,8 +53,9 @@ pub(super) struct Play {
 /// The inputs of a run in one period.
 pub(super) struct PlayInputs<'a> {
     pub(super) settings: &'a Settings,
-    /// The most that the pump may displace (µl).
+    /// The most that the pump may displace (µl), and by the air behind it.
     pub(super) largest: f32,
+    pub(super) most: f32,
     pub(super) memory: &'a Memory,
     pub(super) predictor: &'a Predictor,
     pub(super) monitor: &'a Monitor,
@@ -105,7 +106,8 @@ impl Play {
     #[inline(never)]
     pub(super) fn step(&mut self, given: &PlayInputs) -> Progress {
         let delay_s = given.predictor.delay_s();
-        let config = control::Config::of(given.settings, given.largest).with_delay(delay_s);
+        let config =
+            control::Config::of(given.settings, given.largest, given.most).with_delay(delay_s);
         let per_step = given.settings.number(Key::VolumePerStep);
         let reference = self.runner.reference(given.memory);
         let closed = |flow: f32| Outputs {

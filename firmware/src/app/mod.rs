@@ -38,7 +38,7 @@ use crate::{
     control::Measured,
     faults::Log,
     homing,
-    io::{Inputs, Outputs, Pump, ResetCause, Valve},
+    io::{Inputs, Outputs, Oversampled, Pump, ResetCause, Valve},
     monitor::{Monitor, Seen},
     past::Past,
     runner::{Memory, Runner},
@@ -100,6 +100,10 @@ pub struct App {
     was_homed: bool,
     /// Microsteps that were lost between the last two homings.
     lost_steps: Option<i32>,
+    /// How late the pressure sensor was at the last arming (ms).
+    delay_ms: Option<u16>,
+    /// The supply at the last arming.
+    supply_armed: Oversampled,
     /// The state at the start of this period, and the segment of a protocol then.
     phase: (State, Option<u8>),
     /// Whether the main program was asked to hang.
@@ -185,6 +189,8 @@ impl App {
             stroke: Stroke::new(),
             was_homed: false,
             lost_steps: None,
+            delay_ms: None,
+            supply_armed: Oversampled::NOT_MEASURED,
             phase: (State::Idle, None),
             hangs: false,
         }
@@ -255,6 +261,8 @@ impl App {
             state: self.supervisor.state(),
             volume: self.volume,
             largest: self.derived.largest,
+            farthest: self.derived.farthest,
+            supply: self.supply_armed,
             seeks_pushed_end: match &self.activity {
                 Activity::Homing(homing) => homing.seeks_pushed_end(),
                 Activity::None | Activity::Playing(_) => false,
@@ -276,7 +284,7 @@ impl App {
         };
         let outputs = match self.state() {
             State::Idle | State::Fault => Outputs::default(),
-            State::Homing => self.home(inputs),
+            State::Homing => self.home(inputs, readings.pressure.filtered),
             State::Ready => Outputs {
                 pump: Pump::Rate(0.0),
                 valve: Valve::Closed,
@@ -391,6 +399,10 @@ impl App {
             Fault::MotorReversed => self.conditions.motor_reversed = true,
             Fault::Reach => self.conditions.out_of_reach = true,
             Fault::Disagreement => self.conditions.disagreement = true,
+            Fault::Blind => self.conditions.blind = true,
+            Fault::Late => self.conditions.late = true,
+            Fault::GasLaw => self.conditions.gas_law = true,
+            Fault::Vent => self.conditions.vent_blocked = true,
             _ => self.conditions.internal = true,
         }
         self.latch();
@@ -410,12 +422,14 @@ impl App {
     }
 
     #[inline(never)]
-    fn home(&mut self, inputs: &Inputs) -> Outputs {
+    fn home(&mut self, inputs: &Inputs, pressure: f32) -> Outputs {
         let Activity::Homing(homing) = &mut self.activity else {
             self.fail(Fault::Internal);
             return Outputs::default();
         };
-        match homing.step(&homing::Config::of(&self.settings), inputs) {
+        let progress = homing.step(&homing::Config::of(&self.settings), inputs, pressure);
+        self.delay_ms = homing.delay_ms();
+        match progress {
             homing::Progress::Moving(outputs) => outputs,
             homing::Progress::Done => {
                 self.lost_steps = self.was_homed.then_some(homing.let_go_at());
@@ -424,6 +438,8 @@ impl App {
                     self.stroke.note(steps, &self.settings);
                     self.derived = Derived::of(&self.settings, &self.stroke);
                 }
+                let air = homing.found().map_or(0.0, |found| found.air);
+                self.derived.take_air(&self.settings, air);
                 self.finish(Event::Homed);
                 Outputs {
                     pump: Pump::Brake,
@@ -446,6 +462,7 @@ impl App {
         let progress = play.step(&PlayInputs {
             settings: &self.settings,
             largest: self.derived.largest,
+            most: self.derived.most,
             memory: &self.memory,
             predictor: &self.predictor,
             monitor: &self.monitor,

@@ -3,8 +3,8 @@
 
 use crate::{
     design::{LARGEST_AT_REST_PA, LONGEST_VENTING_PERIODS, STILL_PRESSURISED_PERIODS},
-    gas,
-    io::{Inputs, Outputs, Pump, Valve},
+    gas, ground,
+    io::{Inputs, Outputs, Oversampled, Pump, Valve},
     safety::{Conditions, runs_into_end},
     sensing::Readings,
     settings::Limits,
@@ -18,6 +18,7 @@ use wire::state::State;
 pub(super) struct Protection {
     stall: Watch,
     gas: gas::Watch,
+    ground: ground::Watch,
     /// Periods for which the valve has been open; beyond [`LONGEST_VENTING_PERIODS`], those for
     /// which there is a pressure nevertheless.
     venting: u16,
@@ -37,6 +38,10 @@ pub(super) struct Seen<'a> {
     pub(super) volume: f32,
     /// The most that it may displace (µl).
     pub(super) largest: f32,
+    /// Where the plunger may be at most (µl), by the air behind it.
+    pub(super) farthest: f32,
+    /// The supply when the rig was armed.
+    pub(super) supply: Oversampled,
     /// Whether the plunger looks for the pushed-in switch.
     pub(super) seeks_pushed_end: bool,
     /// When a valid line came last (ms).
@@ -81,6 +86,13 @@ impl Protection {
             volume: seen.volume,
             pressure: readings.pressure.filtered,
             limit: limits.pressure_pa,
+            farthest: seen.farthest,
+        });
+        let ground_moved = self.ground.step(&ground::Seen {
+            pressure: inputs.pressure,
+            flex: inputs.flex,
+            steps: inputs.steps,
+            closed,
         });
         *conditions = Conditions {
             emergency_stop: inputs.emergency_stop,
@@ -89,7 +101,13 @@ impl Protection {
             over_angle: readings.angle.filtered > limits.angle_rad,
             pressure_sensor: readings.pressure.fault.is_some(),
             flex_sensor: readings.angle.fault.is_some(),
-            stall: self.stall.step(seen.largest, closed, seen.volume, pressure),
+            // Smoothed: the mains within a reading would be a rise or none.
+            stall: self.stall.step(
+                seen.largest,
+                closed,
+                seen.volume,
+                readings.pressure.filtered,
+            ),
             end_switch: runs_into_end(seen.state, inputs, rate, seen.seeks_pushed_end),
             host_silent: inputs.time_ms.wrapping_sub(seen.heard) > limits.host_timeout_ms,
             overrun: inputs.overruns > 0,
@@ -100,6 +118,10 @@ impl Protection {
             out_of_reach: false,
             disagreement: false,
             gas_law,
+            blind: false,
+            late: false,
+            supply_moved: supply::has_moved(seen.supply, inputs.supply),
+            ground_moved,
             pressurised,
             supply_low: supply::is_low(inputs.supply),
             ..*conditions

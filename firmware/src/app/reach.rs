@@ -37,8 +37,11 @@ use wire::stretch::NoProbe;
 /// The longest sequence.
 const LINES: usize = 6;
 
-/// Periods of a long pause: homing takes 3 s here, saving 4.2 s.
-const LONG: u16 = 450;
+/// Periods of a long pause: homing takes 9 s here, saving 4.2 s.
+const LONG: u16 = 1_000;
+
+/// Air behind the plunger (µl).
+const AIR_UL: f32 = 60_000.0;
 
 /// Periods for which a wire has to be broken before the board must know.
 const KNOWN: u16 = 7;
@@ -177,6 +180,8 @@ struct Bench {
     past: Past,
     time_ms: u32,
     plunger_ul: f32,
+    /// Where the plunger was when the valve was closed; none while it is open.
+    closed_ul: Option<f32>,
     zero_ul: f32,
     world: World,
     oracle: Oracle,
@@ -219,6 +224,7 @@ impl Bench {
             past: Past::new(),
             time_ms: 0,
             plunger_ul: 300.0,
+            closed_ul: None,
             zero_ul: 0.0,
             world: World::Well,
             oracle: Oracle {
@@ -283,12 +289,14 @@ impl Bench {
     /// Counts of a ten-bit converter: pressure and flex.
     fn counts(&self) -> (f32, f32) {
         const FLAT: f32 = 668.444;
-        const ZERO: f32 = 102.4;
+        const KPA: f32 = 1.0 / 0.673_316;
+        let pushed = self.closed_ul.map_or(0.0, |from| self.plunger_ul - from);
+        let zero = 102.4 + 101.325 * pushed / (AIR_UL - pushed) * KPA;
         match self.world {
-            World::OpenFlex => (ZERO, 0.0),
+            World::OpenFlex => (zero, 0.0),
             World::OpenPressure => (0.0, FLAT),
-            World::Pressurised => (ZERO + 10.0 / 0.673_316, FLAT),
-            _ => (ZERO, FLAT),
+            World::Pressurised => (zero + 10.0 * KPA, FLAT),
+            _ => (zero, FLAT),
         }
     }
 
@@ -328,6 +336,10 @@ impl Bench {
 
         let before = self.app.state();
         let outputs = self.app.tick(&inputs, &mut self.eeprom, &mut self.past);
+        self.closed_ul = match outputs.valve {
+            Valve::Open => None,
+            Valve::Closed => self.closed_ul.or(Some(self.plunger_ul)),
+        };
         if let Pump::Rate(rate) = outputs.pump {
             self.plunger_ul = (self.plunger_ul + rate * 0.01 * per_step).max(-50.0);
         }

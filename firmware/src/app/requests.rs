@@ -92,6 +92,8 @@ impl App {
                     stroke_steps: self.stroke.steps(&self.settings),
                     lost_steps: self.lost_steps,
                     supply_mv: supply::millivolts(self.inputs.supply),
+                    delay_ms: self.delay_ms,
+                    air_ul: self.derived.air_ul(),
                 };
                 answer(out, id, &machine)
             }
@@ -143,6 +145,9 @@ impl App {
                     return Err(Refusal::NotNow);
                 }
                 self.supervisor.handle(Event::Arm, &self.conditions)?;
+                self.derived.forget_air();
+                self.delay_ms = None;
+                self.supply_armed = self.inputs.supply;
                 self.activity = Activity::Homing(if command == Command::Stroke {
                     Homing::measuring(&self.inputs)
                 } else {

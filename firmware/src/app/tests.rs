@@ -215,8 +215,8 @@ fn no_largest_volume_is_beyond_the_stroke_that_was_measured() {
 fn a_stroke_that_is_smaller_than_the_setting_is_the_limit() {
     let mut rig = Rig::new();
     rig.plant.far_switch = 30e3;
-    // So much air that no pressure is reached.
-    rig.plant.volume = 1e6;
+    // So much air that no pressure is reached, and little enough for the sensor to see it.
+    rig.plant.volume = 300e3;
     rig.plant.gas = rig.plant.volume - rig.plant.plunger;
     rig.wait(0.5);
     rig.ask(Command::Stroke).unwrap();
@@ -255,9 +255,13 @@ fn a_low_supply_arms_nothing() {
     rig.plant.supply_v = 4.6;
     rig.wait(0.1);
     rig.ask(Command::Arm).unwrap();
-    // A motor that starts may dip it: that is the brown-out's business.
-    rig.plant.supply_v = 4.4;
+    // What a motor that starts takes is the brown-out's business.
+    rig.plant.supply_v = 4.45;
     rig.wait_for(State::Ready, 60.0);
+    // Readings of a supply that moves farther are worth nothing.
+    rig.plant.supply_v = 4.3;
+    rig.wait(0.1);
+    assert_eq!(rig.app.supervisor.fault(), Some(Fault::Supply));
 }
 
 #[test]

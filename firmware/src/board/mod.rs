@@ -241,6 +241,11 @@ impl port::Board for Board {
     }
 
     #[inline(always)]
+    fn measure_supply(&mut self) {
+        self.adc.measure_supply();
+    }
+
+    #[inline(always)]
     fn completed(&mut self, is_armed: bool) {
         self.watchdog.feed(is_armed);
     }

@@ -51,9 +51,9 @@ impl Config {
         self
     }
 
-    /// Reads the settings, for a pump that may displace so much (µl) at most. It is cheap enough to
-    /// be done every period, which saves the RAM of a copy.
-    pub fn of(settings: &Settings, max_volume: f32) -> Self {
+    /// Reads the settings, for a pump that may displace so much (µl) at most, and by the air behind it only
+    /// that `most`. It is cheap enough to be done every period, which saves the RAM of a copy.
+    pub fn of(settings: &Settings, max_volume: f32, most: f32) -> Self {
         let number = |key| settings.number(key);
         let highest = number(Key::SetpointMaxPressure) * PA_PER_KPA;
         let farthest = number(Key::SetpointMax) * RAD_PER_DEG;
@@ -64,6 +64,7 @@ impl Config {
                 max_flow: number(Key::MaxFlow),
                 max_acceleration: number(Key::MaxFlowRate),
                 max_volume,
+                most,
             },
             angle: angle::Config {
                 bandwidth: number(Key::AngleBandwidth),

@@ -22,6 +22,8 @@ use super::{
     limit::{size, within},
 };
 
+use crate::sight::DELAY_UL;
+
 use crate::design::{OUT_OF_REACH_PA, OUT_OF_REACH_PERIODS, PERIOD_S};
 
 /// Gains and limits of the pressure loop.
@@ -37,6 +39,8 @@ pub struct Config {
     pub max_acceleration: f32,
     /// Largest displaced volume (µl).
     pub max_volume: f32,
+    /// Volume (µl) beyond which the pressure would be above its limit, whatever the sensor shows.
+    pub most: f32,
 }
 
 /// Error (Pa) within which the pump rests at a constant set-point. A chattering motor
@@ -162,7 +166,11 @@ impl Config {
     /// the flow; k = acceleration/flow at full speed keeps it within the limit.
     pub fn attainable(&self, wanted: f32, volume: f32) -> f32 {
         let per_volume = self.per_volume();
-        let up = within((self.max_volume - volume) * per_volume, 0.0, self.max_flow);
+        // A sensor that is late shows what was pushed only after a while. So the pump comes to that volume
+        // as slowly as the latest sensor that is armed, which is one of so many µl.
+        let slowing = self.max_flow * (1.0 / DELAY_UL);
+        let up = (self.max_volume - volume) * per_volume;
+        let up = within(up.min((self.most - volume) * slowing), 0.0, self.max_flow);
         let down = within(volume * per_volume, 0.0, self.max_flow);
         within(wanted, -down, up)
     }

@@ -50,7 +50,8 @@ impl ClosedLoopRun {
         let dynamics = dynamics(&Settings::DEFAULT).map(|value| value as f32);
         let predictor = Predictor::new(&Model::new(dynamics, effects).unwrap(), 2.3).unwrap();
         Self {
-            config: Config::of(&plant.settings, MAX_VOLUME).with_delay(predictor.delay_s()),
+            config: Config::of(&plant.settings, MAX_VOLUME, f32::INFINITY)
+                .with_delay(predictor.delay_s()),
             predictor,
             late: 0,
             seen: VecDeque::new(),
@@ -360,7 +361,7 @@ proptest! {
         has_model: bool,
     ) {
         let settings = Settings::DEFAULT;
-        let (config, model) = (Config::of(&settings, MAX_VOLUME), base(&settings));
+        let (config, model) = (Config::of(&settings, MAX_VOLUME, f32::INFINITY), base(&settings));
         let mut controller = Controller::new();
         let modes = [ControlMode::Pressure, ControlMode::AngleOpenLoop, ControlMode::AngleClosedLoop];
         for (mode, level, pressure, angle, volume) in references {

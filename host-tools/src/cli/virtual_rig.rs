@@ -75,7 +75,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     eeprom: Option<PathBuf>,
     /// Inject a fault over an interval, in seconds of the rig's time
-    #[arg(long, value_name = "KIND@S[..S]")]
+    #[arg(long, value_name = "KIND[=SIZE][@S[..S]]")]
     fault: Vec<String>,
     /// End after this time, in seconds of the rig's time
     #[arg(long, value_name = "S")]

@@ -48,6 +48,10 @@ pub struct Inputs {
     pub valve_closed: bool,
     /// Whether there is a leak beyond that of the gas configuration.
     pub leaking: bool,
+    /// Time constant of the way to the pressure sensor (s), if it is clogged.
+    pub late_s: Option<f64>,
+    /// Whether sensor and vent, on one branch, are cut off by a kink.
+    pub kinked: bool,
     /// The flex sensor's wiring.
     pub flex: SensorFault,
     /// The pressure sensor's wiring.
@@ -59,6 +63,8 @@ pub struct Inputs {
 pub struct Plant {
     config: PlantConfig,
     air: Air,
+    /// Gauge pressure at the sensor (Pa).
+    sensed_pa: f64,
     actuator: Actuator,
     flex: sensors::FlexState,
     flex_voltage: Voltage,
@@ -74,6 +80,7 @@ impl Plant {
         let actuator = Actuator::let_go(&config.actuator, &config.let_go, interval);
         let flex = sensors::FlexState::at_rest(actuator.reading());
         let mut plant = Self {
+            sensed_pa: air.line_pa(),
             air,
             flex_voltage: Voltage::default(),
             pressure_voltage: Voltage::default(),
@@ -92,10 +99,18 @@ impl Plant {
         self.air.step(
             &self.config.gas,
             volume,
-            !inputs.valve_closed,
+            !inputs.valve_closed && !inputs.kinked,
             inputs.leaking,
             dt,
         );
+        // Beyond a kink is what was there, until the vent lets it out.
+        let (target, time_s) = match (inputs.kinked, inputs.valve_closed) {
+            (false, _) => (self.air.line_pa(), inputs.late_s.unwrap_or(0.0)),
+            (true, true) => (self.sensed_pa, 0.0),
+            (true, false) => (0.0, self.config.gas.vent_s),
+        };
+        // With a time of zero it is there at once.
+        self.sensed_pa += (target - self.sensed_pa) * -(-dt / time_s).exp_m1();
         self.actuator.step(self.air.line_pa());
         self.flex
             .step(&self.config.flex_sensor, self.actuator.reading(), dt);
@@ -109,7 +124,7 @@ impl Plant {
         let pressure_at = |gauge_pa| self.config.pressure_sensor.voltage(gauge_pa);
         self.pressure_voltage = pressure.apply(
             self.pressure_voltage,
-            pressure_at(self.air.line_pa()),
+            pressure_at(self.sensed_pa),
             pressure_at(0.0),
         );
     }

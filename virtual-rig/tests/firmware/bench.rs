@@ -57,6 +57,8 @@ pub struct Bench {
     pub garbage: usize,
     /// Whether the computer says now and then that it is there.
     pub beating: bool,
+    /// The highest true pressure (kPa) since it was last set.
+    pub highest_kpa: f64,
     id: u8,
     replies: Vec<(u8, Result<String, Refusal>)>,
     beat_at_s: f64,
@@ -76,6 +78,7 @@ impl Bench {
             remarks: Vec::new(),
             garbage: 0,
             beating: true,
+            highest_kpa: 0.0,
             id: 0,
             replies: Vec::new(),
             beat_at_s: 0.0,
@@ -88,8 +91,9 @@ impl Bench {
     pub fn run(&mut self, seconds: f64) {
         let end = self.rig.time_s() + seconds;
         while self.rig.time_s() < end - 1e-9 {
-            let slice = (end - self.rig.time_s()).min(0.05);
+            let slice = (end - self.rig.time_s()).min(0.01);
             self.rig.run_for(slice).expect("the board runs");
+            self.highest_kpa = self.highest_kpa.max(self.rig.plant().pressure_kpa);
             self.hear();
             if self.beating && self.rig.time_s() >= self.beat_at_s {
                 self.beat_at_s = self.rig.time_s() + 0.5;
@@ -191,6 +195,12 @@ impl Bench {
     /// Loads one step and makes the rig ready for it.
     #[track_caller]
     pub fn load(&mut self, mode: ControlMode, level: f32) {
+        assert!(self.prepare(mode, level), "{:?}", self.samples.last());
+    }
+
+    /// Loads one step and arms the rig for it; whether that is ready, and not in a fault.
+    #[track_caller]
+    pub fn prepare(&mut self, mode: ControlMode, level: f32) -> bool {
         self.obey(Command::Load(1));
         let segment = Segment::Step {
             mode,
@@ -198,7 +208,12 @@ impl Bench {
             duration_ms: 200_000,
         };
         self.obey(Command::Segment { index: 0, segment });
-        self.arm();
+        if self.ask(Command::Arm).is_err() {
+            return false;
+        }
+        let is_over = |bench: &Self| matches!(bench.state(), State::Ready | State::Fault);
+        self.until(40.0, "ready or a fault", is_over);
+        self.state() == State::Ready
     }
 
     /// Changes a setting in the draft.

@@ -4,7 +4,7 @@
 use std::cell::Cell;
 
 use model_core::{actuator::Model, dynamics::Dynamics};
-use virtual_rig::{Fault as Broken, Options, Planned, ResetCause};
+use virtual_rig::{Defect, Fault as Broken, Options, Planned, ResetCause, Size};
 use wire::{
     command::Command,
     decimal::Hundredths,
@@ -190,7 +190,7 @@ fn a_spike_on_the_retracted_switch_while_homing() {
         bench.run(4.0);
         let from_s = bench.rig.time_s() + after_s;
         bench.rig.plan_fault(Planned {
-            fault: Broken::RetractedSwitch,
+            defect: Broken::RetractedSwitch.into(),
             from_s,
             until_s: Some(from_s + 0.003),
         });
@@ -387,13 +387,13 @@ fn a_pressure_sensor_that_drifts_down() {
 #[test]
 fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
     let believed = *virtual_rig::default_actuator().dynamics();
-    for (stiffer, drift_pa_per_s, begins_s) in [
-        (4.0, 500.0, 5.0),
-        (4.0, 1_000.0, 0.0),
-        (4.0, 1_000.0, 15.0),
-        (4.0, 4_000.0, 15.0),
-        (0.25, 1_000.0, 0.0),
-        (0.25, 4_000.0, 15.0),
+    for (stiffer, kpa_per_s, begins_s) in [
+        (4.0, 0.5, 5.0),
+        (4.0, 1.0, 0.0),
+        (4.0, 1.0, 15.0),
+        (4.0, 4.0, 15.0),
+        (0.25, 1.0, 0.0),
+        (0.25, 4.0, 15.0),
     ] {
         let actuator = Model::new(
             Dynamics {
@@ -403,10 +403,7 @@ fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
             &[],
         )
         .expect("a stiffness is a model");
-        let Some(mut bench) = Bench::start(Options {
-            drift_pa_per_s,
-            ..Options::with_actuator(actuator)
-        }) else {
+        let Some(mut bench) = Bench::start(Options::with_actuator(actuator)) else {
             return;
         };
         bench.obey(Command::Load(1));
@@ -424,11 +421,15 @@ fn a_pressure_sensor_that_drifts_while_the_set_point_moves() {
         bench.obey(Command::Run(None));
         bench.run(begins_s);
         assert_eq!(bench.fault(), None);
-        bench.rig.set_fault(Broken::DriftingPressure, true);
+        let drifts = Defect {
+            fault: Broken::DriftingPressure,
+            size: Size::Drift(-kpa_per_s),
+        };
+        bench.rig.set_fault(drifts, true);
         let highest_kpa = highest_until_a_fault(&mut bench, 400.0);
         let fault = bench.fault();
         println!(
-            "{stiffer} times as stiff, {drift_pa_per_s} Pa/s from {begins_s} s: {fault:?}, {highest_kpa:.0} kPa"
+            "{stiffer} times as stiff, {kpa_per_s} kPa/s from {begins_s} s: {fault:?}, {highest_kpa:.0} kPa"
         );
         assert!(highest_kpa < 200.0, "{highest_kpa} kPa");
         let is_soft = stiffer < 1.0;

@@ -15,3 +15,4 @@ mod settings;
 mod start;
 mod steps;
 mod stroke;
+mod unseen;

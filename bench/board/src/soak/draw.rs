@@ -131,7 +131,12 @@ impl Misfortune {
             }
             // One that shows less than there is lets the pump push on; mended, it shows
             // what there is.
-            Fault::StuckPressure | Fault::DriftingPressure => &[
+            Fault::StuckPressure
+            | Fault::DriftingPressure
+            | Fault::Late
+            | Fault::Branch
+            | Fault::Reference
+            | Fault::Ground => &[
                 L::PressureSensor,
                 L::OverPressure,
                 L::OverAngle,
@@ -172,6 +177,7 @@ impl Misfortune {
             Fault::RetractedSwitch => &[L::EndSwitch, L::RetractedSwitch, L::Stall, L::Reach],
             Fault::VentShut => &[L::Vent, L::Stall, L::OverPressure],
             Fault::Noise | Fault::Unplugged => &[L::HostLost],
+            Fault::Mains => &[],
             Fault::EmergencyStop => &[L::EmergencyStop],
             Fault::BrownOut => &[L::BrownOut, L::Restart],
             Fault::Hang => &[L::Watchdog],
