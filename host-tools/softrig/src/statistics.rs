@@ -16,6 +16,12 @@ pub fn median(values: &mut [f64]) -> f64 {
     f64::midpoint(lower, upper)
 }
 
+/// Whether two values are the same to the last digit.
+pub fn same(a: f64, b: f64) -> bool {
+    // The two zeros are one.
+    (a + 0.0).total_cmp(&(b + 0.0)).is_eq()
+}
+
 /// Root of the mean square; zero for an empty slice.
 pub fn rms(values: &[f64]) -> f64 {
     if values.is_empty() {
@@ -199,8 +205,11 @@ fn scaled_difference(time: &[f64], values: &[f64]) -> f64 {
     let span = time[time.len() - 1] - time[0];
     let (mut sum, mut squares) = (0.0, 0.0);
     for (own, value) in time.iter().zip(values) {
-        let others = time.iter().filter(|other| *other != own);
-        let weight: f64 = others.map(|other| span / (own - other)).product();
+        let others = time
+            .iter()
+            .map(|other| own - other)
+            .filter(|apart| apart.abs() > 0.0);
+        let weight: f64 = others.map(|apart| span / apart).product();
         sum += weight * value;
         squares += weight * weight;
     }

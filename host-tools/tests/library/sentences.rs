@@ -45,6 +45,7 @@ fn trace(strength: Strength) -> Finding {
 }
 
 #[test]
+#[allow(clippy::too_many_lines)] // A row for each finding.
 fn every_finding_is_a_sentence_that_a_person_would_say() {
     let (file, recordings) = steps(Hidden::Nothing, 0.3, 4);
     let request = Request {

@@ -167,7 +167,9 @@ fn a_reference_or_a_ground_that_drifts() {
 #[test]
 fn a_branch_that_is_kinked_while_the_stroke_is_measured() {
     let kinks: &[f64] = if all_tests() {
-        &[0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0, 25.0, 30.0, 40.0, 50.0]
+        &[
+            0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 20.0, 25.0, 30.0, 40.0, 50.0,
+        ]
     } else {
         &[0.0, 8.0]
     };

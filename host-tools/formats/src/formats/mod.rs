@@ -390,7 +390,9 @@ impl Sheet {
             }
             let is_it = |name: &str| {
                 let rest = wanted.strip_prefix(name);
-                rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['(', '{', '.', '[', '/']))
+                rest.is_some_and(|rest| {
+                    rest.is_empty() || rest.starts_with(['(', '{', '.', '[', '/'])
+                })
             };
             let Some((name, is)) = self.unread.iter().find(|(name, _)| is_it(name)) else {
                 continue;

@@ -26,7 +26,7 @@
 
 use std::ops::Range;
 
-use crate::statistics::{median, quantisation_step};
+use crate::statistics::{median, quantisation_step, same};
 use softrig_formats::error::InputError;
 use softrig_formats::left_out::{LeftOut, What};
 use softrig_formats::recording::Recording;
@@ -419,7 +419,7 @@ fn part_of(sorted: &[f64], share: f64) -> f64 {
 
 /// Ranges of successive samples with the same value.
 fn equal_runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> {
-    values.chunk_by(|a, b| a == b).scan(0, |start, run| {
+    values.chunk_by(|a, b| same(*a, *b)).scan(0, |start, run| {
         let range = *start..*start + run.len();
         *start = range.end;
         Some(range)
@@ -479,7 +479,7 @@ fn sampled_together(recording: &Recording) -> Option<Vec<usize>> {
     if !is_held(recording, Channel::Angle) {
         return None;
     }
-    let changes = |values: &[f64], k: usize| k == 0 || values[k] != values[k - 1];
+    let changes = |values: &[f64], k: usize| k == 0 || !same(values[k], values[k - 1]);
     let rows = 0..recording.len();
     let angle: Vec<usize> = rows
         .clone()
@@ -517,7 +517,7 @@ mod tests {
         let mut angle = 0.0;
         let (mut pressures, mut angles) = (Vec::new(), Vec::new());
         for t in &time {
-            let pressure = if (t / 5.0) as i64 % 2 == 1 { 50e3 } else { 0.0 };
+            let pressure = if (t / 10.0).fract() < 0.5 { 0.0 } else { 50e3 };
             angle += 0.02 * (pressure / 50e3 - angle);
             pressures.push(pressure + 1e4 * draw());
             angles.push(angle + draw());

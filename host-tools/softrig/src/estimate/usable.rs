@@ -19,7 +19,7 @@
 use std::ops::Range;
 
 use super::let_go::{Handled, handled};
-use crate::statistics::{clipped, median, quantisation_step, rms, standard_deviation};
+use crate::statistics::{clipped, median, quantisation_step, rms, same, standard_deviation};
 use softrig_formats::error::InputError;
 use softrig_formats::left_out::LeftOut;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
@@ -364,8 +364,8 @@ impl Rests {
     /// channels have steps.
     fn of(recording: &Recording) -> Self {
         let equal = (1..recording.len()).any(|k| {
-            recording.pressure[k] == recording.pressure[k - 1]
-                && recording.angle[k] == recording.angle[k - 1]
+            same(recording.pressure[k], recording.pressure[k - 1])
+                && same(recording.angle[k], recording.angle[k - 1])
         });
         let steps = [&recording.pressure, &recording.angle].map(|it| quantisation_step(it));
         let is_on_change = !equal && steps.iter().all(|step| *step > 0.0);
