@@ -24,6 +24,7 @@
 //! with the recorded values; a straight line stands in its place, so that sums over a recording
 //! keep their sense; the angle there is not fitted, and the pressure is bridged.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use crate::statistics::{median, quantisation_step, same};
@@ -67,8 +68,12 @@ const QUIET: f64 = 0.3;
 /// Fewest equal samples that can be a frozen value.
 const FROZEN: usize = 10;
 
-/// Share of runs of equal samples that have the usual length where a channel is held.
-const HELD: f64 = 0.98;
+/// Share of runs of equal samples that have the usual length where a channel is held; others are
+/// longer because noise repeated a value.
+const HELD: f64 = 0.8;
+
+/// Largest share of runs that are shorter, and of rows at which another channel changes.
+const SHORTER: f64 = 0.02;
 
 /// Fewest samples with which anything can be said.
 const FEWEST: usize = 20;
@@ -439,26 +444,33 @@ fn stretches(marks: &[Option<Why>]) -> Vec<Found> {
     found
 }
 
-/// Whether a channel is slower than the rows: nearly all runs of equal samples have the same length
-/// or one more, noise would not repeat a value, and the steps between them are neither those of a
-/// converter nor those of a command.
-fn is_held(recording: &Recording, channel: Channel) -> bool {
+/// For how many rows a channel keeps each value, if it is slower than the rows: most runs of equal
+/// samples have that length or one more and hardly any is shorter, noise would not repeat a value,
+/// and the steps between them are neither those of a converter nor those of a command.
+fn held_for(recording: &Recording, channel: Channel) -> Option<usize> {
     let values = recording.channel(channel);
     let runs: Vec<Range<usize>> = equal_runs(values).collect();
     // The first and the last may be cut.
-    let Some(inner) = runs.get(1..runs.len().saturating_sub(1)) else {
-        return false;
-    };
+    let inner = runs.get(1..runs.len().checked_sub(1)?)?;
     if inner.len() < FEWEST {
-        return false;
+        return None;
     }
-    let length = values.len() / runs.len();
-    let usual = |run: &&Range<usize>| run.len() == length || run.len() == length + 1;
-    let alike = inner.iter().filter(usual).count() as f64 >= HELD * inner.len() as f64;
-    let single = inner.iter().filter(|run| run.len() == 1).count();
-    let longest = inner.iter().map(ExactSizeIterator::len).max().unwrap_or(0);
-    if !alike || 2 * single > inner.len() || longest > 4 * (length + 1) {
-        return false;
+    let share = |holds: &dyn Fn(usize) -> bool| {
+        inner.iter().filter(|run| holds(run.len())).count() as f64 / inner.len() as f64
+    };
+    let mut lengths: Vec<f64> = inner.iter().map(|run| run.len() as f64).collect();
+    // Lengths of runs.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let middle = median(&mut lengths) as usize;
+    let length = [middle, middle.saturating_sub(1)]
+        .into_iter()
+        .find(|&length| {
+            length > 0
+                && share(&|it| it == length || it == length + 1) >= HELD
+                && share(&|it| it < length) <= SHORTER
+        })?;
+    if share(&|it| it == 1) > 0.5 {
+        return None;
     }
     let levels: Vec<f64> = inner.iter().map(|run| values[run.start]).collect();
     let middle = |sizes: Vec<f64>| median(&mut { sizes });
@@ -470,36 +482,39 @@ fn is_held(recording: &Recording, channel: Channel) -> bool {
             .collect(),
     );
     let is_smooth = channel == Channel::Angle || bend < 0.5 * step;
-    is_smooth && step > 1.5 * quantisation_step(values)
+    (is_smooth && step > 1.5 * quantisation_step(values)).then_some(length)
+}
+
+/// Where a channel that keeps each value for so many rows was sampled. A value that the next
+/// sample repeated stands for longer.
+fn samples_of(values: &[f64], held: usize) -> impl Iterator<Item = usize> {
+    equal_runs(values).flat_map(move |run| {
+        let count = (run.len() / held).max(1);
+        (0..count).map(move |sample| run.start + sample * held)
+    })
 }
 
 /// The rows at which both channels are sampled, if the angle is slower than the rows and the
 /// pressure changes nowhere else.
 fn sampled_together(recording: &Recording) -> Option<Vec<usize>> {
-    if !is_held(recording, Channel::Angle) {
-        return None;
-    }
-    let changes = |values: &[f64], k: usize| k == 0 || !same(values[k], values[k - 1]);
-    let rows = 0..recording.len();
-    let angle: Vec<usize> = rows
-        .clone()
-        .filter(|&k| changes(&recording.angle, k))
-        .collect();
-    let both: Vec<usize> = rows
-        .filter(|&k| changes(&recording.angle, k) || changes(&recording.pressure, k))
-        .collect();
-    (HELD * both.len() as f64 <= angle.len() as f64).then_some(both)
+    let held = held_for(recording, Channel::Angle)?;
+    let angle: BTreeSet<usize> = samples_of(&recording.angle, held).collect();
+    let mut both = angle.clone();
+    both.extend(equal_runs(&recording.pressure).map(|run| run.start));
+    ((1.0 - SHORTER) * both.len() as f64 <= angle.len() as f64).then(|| both.into_iter().collect())
 }
 
 /// The repeats of a held channel.
 fn held(recording: &Recording, channel: Channel) -> Vec<Found> {
-    if !is_held(recording, channel) {
+    let Some(held) = held_for(recording, channel) else {
         return Vec::new();
+    };
+    let values = recording.channel(channel);
+    let mut repeats = vec![Some(Why::Held); values.len()];
+    for sample in samples_of(values, held) {
+        repeats[sample] = None;
     }
-    equal_runs(recording.channel(channel))
-        .filter(|run| run.len() > 1)
-        .map(|run| (run.start + 1..run.end, Why::Held))
-        .collect()
+    stretches(&repeats)
 }
 
 #[cfg(test)]
