@@ -1,4 +1,4 @@
-"""SciPy and Numba on the problems of bench_simulate.rs, beside its times and solutions.
+"""SciPy and Numba on the problems of bench/src/simulate.rs, beside its times and solutions.
 
 Usage: scipy_simulate.py PROBLEMS.json
 
@@ -135,7 +135,7 @@ def reference(f, t):
 
 def main():
     with open(sys.argv[1], encoding="utf-8") as file:
-        problems = json.load(file)
+        problems = json.load(file)["problems"]
     print(
         f"SciPy {scipy.__version__}, NumPy {np.__version__}, Numba {numba.__version__}, "
         f"rtol {RTOL:g}, atol {ATOL:g}"

@@ -16,11 +16,12 @@ use softrig_bench::blind::hidden::{Hidden, kinds_of, names_of};
 use softrig_bench::blind::law::{Effect, Law, break_away};
 use softrig_bench::blind::score::Scored;
 use softrig_bench::blind::sizes::typical_effect;
+use softrig_bench::blind::tables;
 use softrig_bench::blind::verdicts::Outcome;
 use softrig_bench::blind::world::{
     Base, Grid, Line, Outside, RATE_HZ, SAMPLES_HZ, World, coloured,
 };
-use softrig_bench::blind::{page, tables};
+use softrig_bench::pages;
 use softrig_formats::columns::Layout;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::{Recording, read_all};
@@ -497,45 +498,39 @@ fn tables_count_what_was_said() {
     assert_eq!(graded(&beyond, Grade::Wrong(Strength::Part)), (1, 1));
     let free = all.quiet();
     assert_eq!(graded(&free, Grade::Denied), (1, 1));
-    let rows = tables::rows(Collection::Bench, &all);
+    let mut figures = tables::figures(&cases);
+    let rows = figures["sets"][0]["rows"].as_array().unwrap().clone();
     let figure = |label: &str| {
-        let row = rows.iter().find(|(known, ..)| known == label);
-        row.unwrap().2.clone()
+        let row = rows.iter().find(|row| row["label"] == label);
+        &row.unwrap()["figure"]
     };
-    assert!(figure("one effect: right").ends_with("2 of 4"));
-    assert!(figure("one effect, free swing: right").ends_with("2 of 4"));
-    assert!(figure("outside: a name for a part").ends_with("1 of 1"));
-    assert!(figure("quiet: nothing or parameters only").ends_with("1 of 1"));
+    let counts = |label: &str| (figure(label)["hits"].as_u64(), figure(label)["of"].as_u64());
+    assert_eq!(counts("one effect: right"), (Some(2), Some(4)));
+    assert_eq!(counts("one effect, free swing: right"), (Some(2), Some(4)));
+    assert_eq!(counts("outside: a name for a part"), (Some(1), Some(1)));
     assert_eq!(
-        figure("held-out RMSE, repaired over refit, median"),
-        "0.500"
+        counts("quiet: nothing or parameters only"),
+        (Some(1), Some(1))
     );
-    assert_eq!(figure("processor time a case, worst (s)"), "3.0");
+    let median = figure("held-out RMSE, repaired over refit, median");
+    assert_eq!(median["value"], 0.5);
+    assert_eq!(figure("processor time a case, worst (s)")["value"], 3.0);
 
-    let text = tables::terminal(&cases);
+    figures["command"] = "cargo xtask bench blind --set bench".into();
+    figures["tool"] = "0000".into();
+    let text = pages::render(&figures).unwrap();
     assert!(text.contains("stribeck_friction (part) 1"), "{text}");
     assert!(text.contains("(cannot_tell: creep) 1"), "{text}");
-    let lines = tables::csv(&cases);
-    assert_eq!(lines.lines().count(), 7);
-    let columns = |line: &str| line.split(',').count();
-    let head = columns(lines.lines().next().unwrap());
-    assert!(lines.lines().all(|line| columns(line) == head), "{lines}");
+    let rows = figures["cases"].as_array().unwrap();
+    assert_eq!(rows.len(), cases.len());
+    let columns = |row: &serde_json::Value| row.as_object().unwrap().len();
+    assert!(rows.iter().all(|row| columns(row) == columns(&rows[0])));
 
-    // The page keeps its other sections, and this one is written once.
-    let command = "cargo xtask bench blind --set bench";
-    let whole = page::page("# Blind benchmark\n\nrich\n", &cases, command, "0000");
-    assert!(whole.starts_with("# Blind benchmark\n\nrich\n\n## The bench set\n"));
-    assert_eq!(page::page(&whole, &cases, command, "0000"), whole);
-    let section = page::page("", &cases, command, "0000");
-    assert_eq!(page::parts(&whole).1, section);
-}
-
-#[test]
-fn the_documentation_describes_the_set() {
-    let text =
-        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/blind.md"))
-            .unwrap();
-    assert!(page::parts(&text).1.contains(page::DESCRIPTION));
+    // The sections of runs stay when those of sessions are written.
+    assert!(
+        text.starts_with("<!-- bench -->\n") && !text.contains("<!-- runs -->"),
+        "{text}"
+    );
 }
 
 /// The truth must not come from the code that is tested with it.

@@ -10,11 +10,10 @@ use softrig_bench::blind::experiments::Set;
 use softrig_bench::blind::gate::Gate;
 use softrig_bench::blind::grade::Strength;
 use softrig_bench::blind::hidden::Hidden;
-use softrig_bench::blind::page::page;
-use softrig_bench::blind::picture::picture;
 use softrig_bench::blind::score::{Errors, Scored};
 use softrig_bench::blind::tables;
 use softrig_bench::blind::verdicts::Outcome;
+use softrig_bench::{pages, pictures};
 
 fn named(kind: &str) -> Value {
     json!({ "verdict": "effect_found", "effects": [{ "kind": kind }], "alternatives": [] })
@@ -150,18 +149,18 @@ fn the_gate_names_what_got_worse() {
 #[test]
 fn pages_and_pictures_show_every_answer() {
     let cases = five();
-    let page = page("", &cases, "cargo xtask bench blind", "0000");
+    let mut figures = tables::figures(&cases);
+    figures["command"] = "cargo xtask bench blind".into();
+    figures["tool"] = "0000".into();
+    let page = pages::render(&figures).unwrap();
     assert!(
         page.contains("| one effect: named, strict |  | 33 % (6–79), 1 of 3 |"),
         "{page}"
     );
     assert!(page.contains("exponent_shift 1"));
-    let lines = tables::csv(&cases);
-    assert_eq!(lines.lines().count(), 6);
-    let columns = |line: &str| line.split(',').count();
-    let head = columns(lines.lines().next().unwrap());
-    assert!(lines.lines().all(|line| columns(line) == head), "{lines}");
-    let picture = picture(Set::Rich, &cases);
+    assert_eq!(figures["cases"].as_array().unwrap().len(), cases.len());
+    let (name, picture) = pictures::of(&figures).unwrap().remove(0);
+    assert_eq!(name, "blind_rich.svg");
     let svg = roxmltree::Document::parse(&picture).unwrap();
     // Right once, wrong once in green and vermilion; abstentions in blue.
     let filled = |colour: &str| {

@@ -20,10 +20,11 @@ use softrig_bench::blind::law::Law;
 use softrig_bench::invariance::answer::{Answer, Likeness};
 use softrig_bench::invariance::ask::{Asked, CaseReplies, Reply};
 use softrig_bench::invariance::cases::{Case, CaseSet};
+use softrig_bench::invariance::counts::Figures;
 use softrig_bench::invariance::known::Labels;
 use softrig_bench::invariance::pose::{Posed, Question, pose};
-use softrig_bench::invariance::tables::Figures;
 use softrig_bench::invariance::ways::Way;
+use softrig_bench::pages::{for_terminal, render};
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
@@ -159,7 +160,8 @@ fn the_same_question_asked_otherwise_gets_the_same_answer() {
         })
         .collect();
     let figures = Figures::of(&set, &replies, &ways);
-    eprintln!("{}", figures.text());
+    let shown = serde_json::json!({ "benchmark": "invariance", "sets": [&figures] });
+    eprintln!("{}", for_terminal(&render(&shown).unwrap()));
     for (way, counts) in &figures.ways {
         let open = OPEN
             .iter()

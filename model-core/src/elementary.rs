@@ -20,7 +20,7 @@
 //! | [`sin_near`] | a turn | 7·10⁻⁵ absolute | 0 |
 //!
 //! The tests of this module hold these bounds;
-//! `cargo run --release -p model-core --example power_error` prints the
+//! `cargo run --release -p softrig-bench --example power_error` prints the
 //! measured values. The coefficients come from `docs/power_coefficients.py`.
 //!
 //! # Monotone by construction

@@ -1,5 +1,5 @@
 //! Benchmarks: our solver and SciPy's, our firmware and plain C. What reads results of `softrig`
-//! is a program in bench/, and is built and started here.
+//! is one program, bench/, which is built and started here; it also draws and writes the pages.
 
 use std::{
     fs,
@@ -10,13 +10,31 @@ use std::{
 use crate::{
     avr,
     machines::{self, Soak},
-    shell::{Outcome, cargo, has_program, release_build, root, run, target_dir, text},
+    shell::{Outcome, cargo, has_program, read, release_build, root, run, target_dir, text},
     simulator::virtual_rig,
     size, venv,
 };
 
 /// The rival's versions, so that figures can be had again.
 const PYTHON_PACKAGES: [&str; 3] = ["numpy", "scipy", "numba"];
+
+/// The program.
+const PROGRAM: &str = "softrig-bench";
+
+/// Its benchmarks, and `catalogue` and `pages`, which write pages from the code and from figures of earlier runs.
+const NAMES: [&str; 11] = [
+    "blind",
+    "calibration",
+    "catalogue",
+    "commands",
+    "decide",
+    "diagnosis",
+    "invariance",
+    "loop",
+    "many",
+    "pages",
+    "real",
+];
 
 /// Runs the host's simulation beside SciPy's and Numba's on the same problems.
 pub fn host() -> Outcome {
@@ -26,13 +44,11 @@ pub fn host() -> Outcome {
     let python = python(&folder)?;
 
     println!("bench: our solver");
-    run(cargo()
-        .args(["build", "-q", "--release", "-p", "softrig-bench"])
-        .args(["--bin", "simulate"]))?;
+    run(release_build().args(["-q", "-p", PROGRAM]))?;
     let problems = folder.join("problems.json");
-    let file = fs::File::create(&problems)
-        .map_err(|error| format!("cannot write {}: {error}", problems.display()))?;
-    run(pinned(&target_dir().join("release/simulate")).stdout(file))?;
+    run(pinned(&target_dir().join("release").join(PROGRAM))
+        .args(["simulate", "--json"])
+        .arg(&problems))?;
 
     println!("bench: SciPy and Numba\n");
     run(pinned(&python)
@@ -40,95 +56,10 @@ pub fn host() -> Outcome {
         .arg(&problems))
 }
 
-/// A benchmark that is a program in bench/.
-pub struct Program {
-    /// Its binary.
-    name: &'static str,
-    /// Options that say where its files are, with folders in the one that cargo builds into.
-    folders: &'static [(&'static str, &'static str)],
-    /// Whether it asks `softrig`.
-    asks: bool,
-}
-
-const BLIND: Program = Program {
-    name: "blind",
-    folders: &[("--folder", "blind")],
-    asks: false,
-};
-
-/// The programs by the names of the benchmarks.
-static PROGRAMS: [(&str, Program); 9] = [
-    ("blind", BLIND),
-    (
-        "calibration",
-        Program {
-            name: "calibration",
-            folders: &[("--keep", "invariance"), ("--loops", "loop")],
-            asks: true,
-        },
-    ),
-    (
-        "commands",
-        Program {
-            name: "command_times",
-            folders: &[("--folder", "bench/commands")],
-            asks: true,
-        },
-    ),
-    (
-        "decide",
-        Program {
-            name: "decide",
-            folders: &[("--folder", "decide")],
-            asks: true,
-        },
-    ),
-    (
-        "diagnosis",
-        Program {
-            name: "diagnosis_time",
-            folders: &[("--folder", "bench/example")],
-            asks: true,
-        },
-    ),
-    (
-        "invariance",
-        Program {
-            name: "invariance",
-            folders: &[("--keep", "invariance"), ("--loops", "loop")],
-            asks: true,
-        },
-    ),
-    (
-        "loop",
-        Program {
-            name: "rig_loop",
-            folders: &[("--folder", "loop")],
-            asks: true,
-        },
-    ),
-    (
-        "many",
-        Program {
-            name: "many_recordings",
-            folders: &[("--folder", "bench/many")],
-            asks: true,
-        },
-    ),
-    (
-        "real",
-        Program {
-            name: "real",
-            folders: &[("--folder", "real")],
-            asks: true,
-        },
-    ),
-];
-
 /// Runs the gate of the blind benchmark with the program that was built for the tests, which
 /// computes the same: a build for users would compile everything once more.
 pub fn gate() -> Outcome {
-    run(BLIND.command(&target_dir().join("debug")).arg("--fast"))
+    run(command("debug", "blind").arg("--fast"))
 }
 
 /// Runs the benchmarks that have a limit: the same answers to the same questions, asked otherwise,
@@ -144,62 +75,54 @@ pub fn gates() -> Outcome {
         "--at-least",
         "same=0.9,contradicting=0.02",
     ];
-    program("invariance").map_or(Ok(()), |program| program.start("invariance", LIMITS))?;
+    start("invariance", LIMITS)?;
     machines::soak(&Soak {
         hours: 1.0,
         seed: 1,
     })
 }
 
-/// The benchmark of this name that is a program in bench/.
-pub fn program(name: &str) -> Option<&'static Program> {
-    let (_, program) = PROGRAMS.iter().find(|(known, _)| *known == name)?;
-    Some(program)
+/// Whether the program has a benchmark of this name.
+pub fn is_known(name: &str) -> bool {
+    NAMES.contains(&name)
 }
 
-impl Program {
-    /// Builds the program and starts it with these options; `--softrig` takes another `softrig` than the
-    /// one of this source.
-    pub fn start(&self, name: &str, options: &[&str]) -> Outcome {
-        let target = target_dir().join("release");
-        let mut build = release_build();
-        build.args(["-q", "-p", "softrig-bench", "--bin", self.name]);
-        if self.asks && !options.iter().any(|option| option.starts_with("--softrig")) {
-            build.args(["-p", "softrig-cli", "--bin", "softrig"]);
-            build.args(["--features", "softrig-cli/lab"]);
-        }
-        let plays = ["decide", "loop"].contains(&name);
-        if plays {
-            build.args(["-p", "virtual-rig", "--bin", "virtual-rig"]);
-        }
-        run(&mut build)?;
-        let mut command = self.command(&target);
-        let asks_for_help = options.iter().any(|word| ["-h", "--help"].contains(word));
-        match name {
-            _ if asks_for_help => {}
-            _ if plays => {
-                command.arg("--simulator").arg(target.join("virtual-rig"));
-                command.arg("--image").arg(avr::build()?);
-            }
-            "real" => {
-                command.arg("--python").arg(black_boxes()?);
-            }
-            _ => {}
-        }
-        run(command.args(options))
+/// Builds the program and starts a benchmark with these options; `--softrig` takes another `softrig` than the
+/// one of this source.
+pub fn start(name: &str, options: &[&str]) -> Outcome {
+    let asks = !["blind", "catalogue", "pages"].contains(&name);
+    let plays = ["decide", "loop"].contains(&name);
+    let mut build = release_build();
+    build.args(["-q", "-p", PROGRAM]);
+    if asks && !options.iter().any(|option| option.starts_with("--softrig")) {
+        build.args(["-p", "softrig-cli", "--bin", "softrig"]);
+        build.args(["--features", "softrig-cli/lab"]);
     }
+    if plays {
+        build.args(["-p", "virtual-rig", "--bin", "virtual-rig"]);
+    }
+    run(&mut build)?;
+    let mut command = command("release", name);
+    let built = target_dir().join("release");
+    if asks {
+        command.arg("--softrig").arg(built.join("softrig"));
+    }
+    let asks_for_help = options.iter().any(|word| ["-h", "--help"].contains(word));
+    if plays && !asks_for_help {
+        command.arg("--simulator").arg(built.join("virtual-rig"));
+        command.arg("--image").arg(avr::build()?);
+    }
+    if name == "real" && !asks_for_help {
+        command.arg("--python").arg(black_boxes()?);
+    }
+    run(command.args(options))
+}
 
-    /// The program as it was built into a folder, with its own folders.
-    fn command(&self, built: &Path) -> Command {
-        let mut command = Command::new(built.join(self.name));
-        if self.asks {
-            command.arg("--softrig").arg(built.join("softrig"));
-        }
-        for (option, folder) in self.folders {
-            command.arg(option).arg(target_dir().join(folder));
-        }
-        command
-    }
+/// The program as it was built with a profile.
+fn command(profile: &str, name: &str) -> Command {
+    let mut command = Command::new(target_dir().join(profile).join(PROGRAM));
+    command.arg(name).arg("--target").arg(target_dir());
+    command
 }
 
 /// A Python that fits black boxes, after they have found known systems again.
@@ -229,18 +152,20 @@ fn black_boxes() -> Outcome<PathBuf> {
 
 /// Lets the real image step to angles in closed loop; `--docs` draws the picture.
 pub fn control(docs: bool) -> Outcome {
-    let image = avr::build()?;
-    let mut command = cargo();
-    command
-        .args(["run", "-q", "--locked", "-p", "softrig-bench-board"])
-        .args(["--bin", "closed_loop_steps", "--"])
-        .env("SOFTRIG_FIRMWARE", image);
-    if docs {
-        command
-            .arg("--picture")
-            .arg(root().join("docs/images/closed_loop_steps.svg"));
-    }
-    run(&mut command)
+    let figures = target_dir().join("bench/control.json");
+    let json = read(
+        cargo()
+            .args(["run", "-q", "--locked", "-p", "softrig-bench-board"])
+            .args(["--bin", "closed_loop_steps"])
+            .env("SOFTRIG_FIRMWARE", avr::build()?),
+    )?;
+    fs::create_dir_all(target_dir().join("bench"))
+        .and_then(|()| fs::write(&figures, json))
+        .map_err(|error| format!("cannot write {}: {error}", figures.display()))?;
+    let figures = figures.display().to_string();
+    let mut options = vec![figures.as_str()];
+    options.extend(docs.then_some("--docs"));
+    start("pages", &options)
 }
 
 /// A command on one core: both sides compute on a single thread.

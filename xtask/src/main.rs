@@ -93,6 +93,11 @@ Tasks:
                          recordings of eight real rigs: the diagnosis beside
                          black boxes; --docs writes docs/real.md; --softrig takes
                          another `softrig` than the one of this source
+  bench catalogue --docs the tables of effects and constants in docs/, from
+                         the code
+  bench pages FILE [--docs]
+                         show the figures that a benchmark left in
+                         target/bench/NAME.json, or write them into docs/ again
   soak [--hours H] [--seed N]
                          the image on the simulated rig at full speed: random
                          protocols, faults, pulled cables and resets; what is
@@ -178,19 +183,19 @@ fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
         ["size"] => Box::new(|| image_size(Golden::Check)),
         ["size", "--accept"] => Box::new(|| image_size(Golden::Accept)),
         ["bench"] => Box::new(|| {
-            bench::program("diagnosis")
-                .map_or(Ok(()), |program| program.start("diagnosis", &[]))
-                .and_then(|()| bench::host())
-                .and_then(|()| bench::board())
+            bench::start("diagnosis", &[])?;
+            bench::host()?;
+            bench::board()
         }),
         ["bench", "host"] => Box::new(bench::host),
         ["bench", "board"] => Box::new(bench::board),
         ["bench", "control"] => Box::new(|| bench::control(false)),
         ["bench", "control", "--docs"] => Box::new(|| bench::control(true)),
-        ["bench", name, options @ ..] => {
-            let program = bench::program(name)
-                .ok_or_else(|| format!("bench {name} is not known, or takes no options"))?;
-            Box::new(|| program.start(name, options))
+        ["bench", name, options @ ..] if bench::is_known(name) => {
+            Box::new(|| bench::start(name, options))
+        }
+        ["bench", name, ..] => {
+            return Err(format!("bench {name} is not known, or takes no options"));
         }
         ["soak", words @ ..] => {
             let options = Soak::parse(words)?;

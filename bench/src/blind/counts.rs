@@ -3,7 +3,7 @@
 //! Every figure of every set is a rate or a median of such a [`Group`]; what is
 //! asked of a case is a question of [`Scored`].
 
-use serde::Serialize;
+use serde_json::{Value, json};
 use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::answer::Collection;
@@ -11,7 +11,7 @@ use super::hidden::Hidden;
 use super::score::Scored;
 
 /// So many of so many.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rate {
     /// Counted.
     pub hits: u32,
@@ -33,19 +33,28 @@ impl Rate {
         (self.of > 0).then(|| f64::from(self.hits) / f64::from(self.of))
     }
 
-    /// 95 % interval of the share (Wilson 1927).
-    pub fn wilson(self) -> Option<(f64, f64)> {
-        let p = self.share()?;
-        let z = Normal::standard().inverse_cdf(0.975);
-        let n = f64::from(self.of);
-        let middle = p + z * z / (2.0 * n);
-        let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-        let whole = 1.0 + z * z / n;
-        Some((
-            ((middle - half) / whole).max(0.0),
-            ((middle + half) / whole).min(1.0),
-        ))
+    /// 95 % interval of the share.
+    pub fn interval(self) -> Option<[f64; 2]> {
+        (self.of > 0).then(|| wilson(self.hits.into(), self.of.into(), 0.95))
     }
+
+    /// For a table: the counts, the share and its interval.
+    pub fn shown(self) -> Value {
+        json!({ "hits": self.hits, "of": self.of, "share": self.share(), "interval95": self.interval() })
+    }
+}
+
+/// The interval of a share, `hits` of `of`, that covers the true one with this confidence (Wilson 1927).
+pub fn wilson(hits: f64, of: f64, confidence: f64) -> [f64; 2] {
+    let z = Normal::standard().inverse_cdf(f64::midpoint(1.0, confidence));
+    let p = hits / of;
+    let middle = p + z * z / (2.0 * of);
+    let half = z * (p * (1.0 - p) / of + z * z / (4.0 * of * of)).sqrt();
+    let whole = 1.0 + z * z / of;
+    [
+        ((middle - half) / whole).max(0.0),
+        ((middle + half) / whole).min(1.0),
+    ]
 }
 
 /// Cases that are counted together.
@@ -122,10 +131,10 @@ mod tests {
     /// Figures of Newcombe (1998), table I: 81 of 263, and 0 of 20.
     #[test]
     fn wilson_intervals_are_those_of_the_literature() {
-        let (low, high) = Rate { hits: 81, of: 263 }.wilson().unwrap();
+        let [low, high] = Rate { hits: 81, of: 263 }.interval().unwrap();
         assert!((low - 0.2553).abs() < 1e-4 && (high - 0.3662).abs() < 1e-4);
-        let (low, high) = Rate { hits: 0, of: 20 }.wilson().unwrap();
+        let [low, high] = Rate { hits: 0, of: 20 }.interval().unwrap();
         assert!(low.abs() < 1e-12 && (high - 0.1611).abs() < 1e-4);
-        assert_eq!(Rate::default().wilson(), None);
+        assert_eq!(Rate::default().interval(), None);
     }
 }

@@ -1,11 +1,10 @@
-//! The score in rows: of figures, of kinds, of cases; for people (terminal) and for
-//! programs (CSV). The pages are made of the same rows ([`page`](super::page)).
+//! The score as JSON: rows of figures, of kinds, of cases.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
+
+use serde_json::{Value, json};
 
 use super::answer::{Answer, Collection};
-use super::bench::cases as session;
 use super::bench::session::Rig;
 use super::counts::{Group, Rate, median};
 use super::experiments::Set;
@@ -14,36 +13,21 @@ use super::hidden::Hidden;
 use super::law::{Law, kinds};
 use super::score::{Estimate, Scored};
 
-/// "92 % (85–96), 74 of 80".
-fn shown(rate: Rate) -> String {
-    match (rate.share(), rate.wilson()) {
-        (Some(share), Some((low, high))) => format!(
-            "{:.0} % ({:.0}–{:.0}), {} of {}",
-            100.0 * share,
-            100.0 * low,
-            100.0 * high,
-            rate.hits,
-            rate.of
-        ),
-        _ => "–".to_owned(),
-    }
+/// A number with so many digits behind the point.
+fn number(value: Option<f64>, digits: usize) -> Value {
+    json!({ "value": value, "digits": digits })
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
+fn percent(value: Option<f64>) -> Value {
+    json!({ "percent": value.map(|value| 100.0 * value) })
 }
 
-fn percent(value: Option<f64>) -> String {
-    value.map_or_else(|| "–".to_owned(), |value| format!("{:.1} %", 100.0 * value))
-}
-
-/// A row of figures: label, what is asked for, and the figure.
-pub type Row = (String, &'static str, String);
-
-/// The rows of a set's figures.
-pub fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Row> {
+/// A row of a set's figures: label, what is asked for, and a rate, a number or a count.
+fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Value> {
     let mut rows = Vec::new();
-    let mut row = |label: &str, asked, figure| rows.push((label.to_owned(), asked, figure));
+    let mut row = |label: &str, asked: &str, figure: Value| {
+        rows.push(json!({ "label": label, "asked": asked, "figure": figure }));
+    };
     let most = match collection {
         Collection::Runs(set) => {
             rows_of_runs(set, cases, &mut row);
@@ -70,7 +54,7 @@ pub fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Row> {
 
 // A table: a row of it is a line.
 #[rustfmt::skip]
-fn rows_of_runs(set: Set, cases: &Group<'_>, row: &mut dyn FnMut(&str, &'static str, String)) {
+fn rows_of_runs(set: Set, cases: &Group<'_>, row: &mut dyn FnMut(&str, &str, Value)) {
     let asked = |rich: &'static str, paper: &'static str| match set {
         Set::Rich => rich,
         Set::Paper => paper,
@@ -79,13 +63,13 @@ fn rows_of_runs(set: Set, cases: &Group<'_>, row: &mut dyn FnMut(&str, &'static 
     let two = cases.hiding(&[Hidden::Two]);
     let outside = cases.hiding(&[Hidden::Outside]);
     let by_the = |same: bool| one.that(|case| case.secret().same_laws == same);
-    let rate = |cases: &Group<'_>, is: fn(&Scored) -> bool| shown(cases.rate(is));
+    let rate = |cases: &Group<'_>, is: fn(&Scored) -> bool| cases.rate(is).shown();
     let full: fn(&Scored) -> bool = |case| case.is_wrong(Strength::Full);
     let estimates = |base: bool| {
         let all = cases.iter().flat_map(|case| &case.estimates);
         all.filter(move |estimate: &&Estimate| estimate.base == base)
     };
-    let covered = |base| shown(Rate::count(estimates(base).filter_map(|it| it.covered)));
+    let covered = |base| Rate::count(estimates(base).filter_map(|it| it.covered)).shown();
     let error = |base| percent(median(estimates(base).map(|it| it.relative_error)));
     row("one effect: named, lenient", asked("≥ 92 %", "≥ 70 %"), rate(&one, Scored::is_lenient));
     row("one effect: named, strict", "", rate(&one, Scored::is_exact));
@@ -109,12 +93,12 @@ fn rows_of_runs(set: Set, cases: &Group<'_>, row: &mut dyn FnMut(&str, &'static 
 
 // A table: a row of it is a line.
 #[rustfmt::skip]
-fn rows_of_bench(cases: &Group<'_>, row: &mut dyn FnMut(&str, String)) {
+fn rows_of_bench(cases: &Group<'_>, row: &mut dyn FnMut(&str, Value)) {
     let one = cases.hiding(&[Hidden::One]);
     let two = cases.hiding(&[Hidden::Two]);
     let (quiet, outside) = (cases.quiet(), cases.hiding(&[Hidden::Outside]));
-    let right = |cases: &Group<'_>| shown(cases.rate(|case| case.grade.is_right()));
-    let graded = |cases: &Group<'_>, grade| shown(cases.rate(|case| case.grade == grade));
+    let right = |cases: &Group<'_>| cases.rate(|case| case.grade.is_right()).shown();
+    let graded = |cases: &Group<'_>, grade| cases.rate(|case| case.grade == grade).shown();
     let (full, part) = (Grade::Wrong(Strength::Full), Grade::Wrong(Strength::Part));
     let session = |is: &dyn Fn(Rig, bool) -> bool| {
         let is = |case: &Scored| case.answer.session().is_some_and(|it| is(it.rig, it.cut));
@@ -125,14 +109,14 @@ fn rows_of_bench(cases: &Group<'_>, row: &mut dyn FnMut(&str, String)) {
     let held_out = |cases: &Group<'_>| number(cases.median(|case| case.said.held_out), 3);
     row("one effect: right", right(&one));
     row("… the exact name", graded(&one, Grade::Exact));
-    row("… … of these, for a part of the gap", as_part.to_string());
+    row("… … of these, for a part of the gap", as_part.into());
     row("… its family", graded(&one, Grade::Family));
     row("… in an answer set of at most three", graded(&one, Grade::Set));
     row("one effect: another family at full strength", graded(&one, full));
     row("one effect: another family for a part", graded(&one, part));
     row("one effect: cannot tell, without the truth", graded(&one, Grade::Open));
     row("one effect: silent (unexplained)", graded(&one, Grade::Silent));
-    row("one effect: nothing missing, or refused", shown(one.rate(denied)));
+    row("one effect: nothing missing, or refused", one.rate(denied).shown());
     for rig in Rig::ALL {
         row(&format!("one effect, {}: right", rig.name()), session(&|of, _| of == rig));
     }
@@ -154,7 +138,7 @@ fn rows_of_bench(cases: &Group<'_>, row: &mut dyn FnMut(&str, String)) {
 }
 
 /// What a case counts as in the rows of a table of kinds.
-pub fn row_label(case: &Scored) -> String {
+fn row_label(case: &Scored) -> String {
     let secret = case.secret();
     match (secret.hidden, &case.answer) {
         (Hidden::Nothing, _) => "(nothing)".to_owned(),
@@ -167,7 +151,7 @@ pub fn row_label(case: &Scored) -> String {
 }
 
 /// The labels of rows in their order.
-pub(super) fn row_order() -> Vec<String> {
+fn row_order() -> Vec<String> {
     let special = ["(two)", "(nothing)", "(parameters)", "(outside)"];
     let kinds = kinds().into_iter().chain(special).map(str::to_owned);
     let of_benches = Law::OF_BENCHES.map(|law| format!("({})", law.row().name));
@@ -176,7 +160,7 @@ pub(super) fn row_order() -> Vec<String> {
 
 /// What the verdict counts as: in the columns of the confusion matrix, and beside
 /// the runs of a kind.
-pub fn column_label(case: &Scored) -> String {
+fn column_label(case: &Scored) -> String {
     match case.said.named.as_slice() {
         [] => format!("({})", case.said.verdict),
         [one] => one.clone(),
@@ -202,241 +186,132 @@ fn answer_label(case: &Scored) -> String {
     }
 }
 
-/// What was answered to each kind, a line each under a head.
-pub fn kind_rows(collection: Collection, cases: &Group<'_>) -> Vec<Vec<String>> {
-    let head: &[&str] = match collection {
-        Collection::Runs(_) => &[
-            "hidden",
-            "cases",
-            "strict",
-            "lenient",
-            "in the answer set",
-            "other answers",
-        ],
-        Collection::Bench => &[
-            "hidden",
-            "cases",
-            "exact",
-            "family",
-            "set",
-            "wrong, full",
-            "wrong, part",
-            "silent",
-            "other answers than the exact name",
-        ],
-    };
-    let mut rows = vec![head.iter().map(|&word| word.to_owned()).collect()];
+/// What was answered to the cases that hide one kind.
+fn kind_rows(cases: &Group<'_>) -> Vec<Value> {
+    let mut rows = Vec::new();
     for label in row_order() {
         let cases = cases.that(|case| row_label(case) == label);
         let Some(first) = cases.iter().next() else {
             continue;
         };
-        // Where nothing of the catalogue is hidden, no name is right.
-        let has_name = first.secret().hidden.has_a_name();
-        let if_named = |figure: String| if has_name { figure } else { String::new() };
-        let rate = |is: fn(&Scored) -> bool| if_named(shown(cases.rate(is)));
-        let count = |grade| cases.rate(|case| case.grade == grade).hits.to_string();
+        let count = |grade| cases.rate(|case| case.grade == grade).hits;
         let others = cases.that(|case| !case.is_exact());
-        let mut row = vec![label, cases.len().to_string()];
-        match collection {
-            Collection::Runs(_) => row.extend([
-                rate(Scored::is_exact),
-                rate(Scored::is_lenient),
-                rate(Scored::holds),
-                counted(others.iter().map(column_label)),
-            ]),
-            Collection::Bench => row.extend([
-                if_named(count(Grade::Exact)),
-                if_named(count(Grade::Family)),
-                if_named(count(Grade::Set)),
-                count(Grade::Wrong(Strength::Full)),
-                count(Grade::Wrong(Strength::Part)),
-                count(Grade::Silent),
-                counted(others.iter().map(answer_label)),
-            ]),
-        }
-        rows.push(row);
+        let of_session = first.answer.session().is_some();
+        let answer = if of_session {
+            answer_label
+        } else {
+            column_label
+        };
+        rows.push(json!({
+            "hidden": label, "cases": cases.len(),
+            // Where nothing of the catalogue is hidden, no name is right.
+            "has_a_name": first.secret().hidden.has_a_name(),
+            "strict": cases.rate(Scored::is_exact).shown(),
+            "lenient": cases.rate(Scored::is_lenient).shown(),
+            "in_answer_set": cases.rate(Scored::holds).shown(),
+            "exact": count(Grade::Exact), "family": count(Grade::Family), "set": count(Grade::Set),
+            "wrong": count(Grade::Wrong(Strength::Full)),
+            "wrong_part": count(Grade::Wrong(Strength::Part)),
+            "silent": count(Grade::Silent),
+            "answers": counted(cases.iter().map(column_label)),
+            "others": counted(others.iter().map(answer)),
+        }));
     }
     rows
 }
 
-/// How many effects could not be drawn as large as is asked for. They count
-/// like all others.
-pub(super) fn faint(scored: &[Scored]) -> String {
-    let cases = scored.iter().map(Scored::secret);
-    let faint: Vec<&str> = cases
-        .filter(|secret| !secret.visible)
-        .map(|secret| secret.case.as_str())
-        .collect();
-    format!(
-        "effects that are fainter or coarser than the range that is asked for: {} of {} cases {}",
-        faint.len(),
-        scored.len(),
-        faint.join(" ")
-    )
-    .trim_end()
-    .to_owned()
+/// The columns of the confusion matrix: what was hidden or answered.
+fn columns(rows: &[Value]) -> Vec<String> {
+    let special = [
+        "(the pair)",
+        "(several)",
+        "(cannot_tell)",
+        "(unexplained)",
+        "(parameters_only)",
+        "(no_discrepancy)",
+        "(refused)",
+    ];
+    let columns = kinds().into_iter().chain(special).map(str::to_owned);
+    let is_used = |column: &String| {
+        let mut rows = rows.iter();
+        rows.any(|row| row["hidden"] == **column || row["answers"].get(column).is_some())
+    };
+    columns.filter(is_used).collect()
 }
 
-/// A line for each session without a verdict: why.
-pub(super) fn refusals(scored: &[Scored]) -> Vec<String> {
-    let sessions = scored.iter().filter(|case| case.answer.session().is_some());
-    sessions
-        .filter_map(|case| {
-            let reason = case.refused.as_deref()?;
-            // The path before the file's name says nothing.
-            let reason = reason.rsplit_once("recordings/").map_or(reason, |it| it.1);
-            Some(format!("{} was refused: {reason}", case.secret().case))
+/// All figures of the cases: the sets that were scored, effects that could not be drawn as large as is asked for, which
+/// count like all others, and why sessions were refused.
+pub fn figures(scored: &[Scored]) -> Value {
+    let sets = Collection::ALL.map(|collection| (collection, Group::of(collection, scored)));
+    let sets = sets.iter().filter(|(_, cases)| !cases.is_empty());
+    let sets = sets.map(|(collection, cases)| {
+        let kinds = kind_rows(cases);
+        json!({
+            "name": collection.name(), "rows": rows(*collection, cases), "columns": columns(&kinds),
+            "kinds": kinds,
         })
-        .collect()
+    });
+    let faint = scored.iter().map(Scored::secret);
+    let faint = faint.filter(|secret| !secret.visible).map(|it| &it.case);
+    let refused = scored.iter().filter_map(|case| {
+        case.answer.session()?;
+        let reason = case.refused.as_deref()?;
+        // The path before the file's name says nothing.
+        let reason = reason.rsplit_once("recordings/").map_or(reason, |it| it.1);
+        Some(json!({ "case": case.secret().case, "why": reason }))
+    });
+    json!({
+        "benchmark": "blind", "sets": sets.collect::<Vec<_>>(), "faint": faint.collect::<Vec<_>>(),
+        "refused": refused.collect::<Vec<_>>(), "cases": scored.iter().map(case).collect::<Vec<_>>(),
+    })
 }
 
 /// What was answered how often.
-fn counted(answers: impl Iterator<Item = String>) -> String {
-    let mut counts: BTreeMap<String, u32> = BTreeMap::new();
+fn counted(answers: impl Iterator<Item = String>) -> BTreeMap<String, u32> {
+    let mut counts = BTreeMap::new();
     for answer in answers {
         *counts.entry(answer).or_default() += 1;
     }
-    let counts = counts.iter().map(|(what, count)| format!("{what} {count}"));
-    counts.collect::<Vec<_>>().join(", ")
+    counts
 }
 
-/// Columns padded to their widest entry.
-fn aligned(rows: &[Vec<String>]) -> String {
-    let mut text = String::new();
-    let columns = rows.first().map_or(0, Vec::len);
-    let width = |column: usize| {
-        rows.iter()
-            .map(|row| row[column].chars().count())
-            .max()
-            .unwrap_or(0)
+/// A case; what its set does not have is absent.
+fn case(case: &Scored) -> Value {
+    let (secret, said) = (case.secret(), &case.said);
+    let strength = match Strength::of(said) {
+        Strength::Full => "full",
+        Strength::Part => "part",
     };
-    let widths: Vec<usize> = (0..columns).map(width).collect();
-    for row in rows {
-        let mut line = String::from(" ");
-        for (entry, width) in row.iter().zip(&widths) {
-            let _ = write!(line, " {entry:<width$} ");
-        }
-        let _ = writeln!(text, "{}", line.trim_end());
-    }
-    text
-}
-
-/// The sets that were scored, with their cases.
-pub fn sets(scored: &[Scored]) -> Vec<(Collection, Group<'_>)> {
-    let sets = Collection::ALL.map(|collection| (collection, Group::of(collection, scored)));
-    let mut sets = Vec::from(sets);
-    sets.retain(|(_, cases)| !cases.is_empty());
-    sets
-}
-
-/// The tables for a terminal.
-pub fn terminal(scored: &[Scored]) -> String {
-    let mut text = String::new();
-    for (collection, cases) in sets(scored) {
-        let figures: Vec<Vec<String>> = rows(collection, &cases)
-            .into_iter()
-            .map(|(label, asked, figure)| vec![label, asked.to_owned(), figure])
-            .collect();
-        let _ = writeln!(
-            text,
-            "\n{} set\n\n{}\n{}",
-            collection.name(),
-            aligned(&figures),
-            aligned(&kind_rows(collection, &cases)).trim_end()
-        );
-    }
-    let _ = writeln!(text, "\n  {}", faint(scored));
-    for line in refusals(scored) {
-        let _ = writeln!(text, "  {line}");
-    }
-    text
-}
-
-/// A line for each case; what a set does not have is left empty.
-pub fn csv(scored: &[Scored]) -> String {
-    let head = CSV.map(|(name, _)| name).join(",");
-    let line = |case: &Scored| CSV.map(|(_, field)| field(case)).join(",");
-    let lines: Vec<String> = std::iter::once(head)
-        .chain(scored.iter().map(line))
-        .collect();
-    lines.join("\n") + "\n"
-}
-
-/// What only a session has.
-fn of_session(case: &Scored, field: fn(&session::Answer) -> String) -> String {
-    case.answer.session().map(field).unwrap_or_default()
-}
-
-/// A column of the CSV file: its name, and what a case has there.
-type Field = (&'static str, fn(&Scored) -> String);
-
-const CSV: [Field; 26] = [
-    ("case", |case| case.secret().case.clone()),
-    ("set", |case| case.answer.collection().name().to_owned()),
-    ("rig", |case| {
-        of_session(case, |it| it.rig.name().to_owned())
-    }),
-    ("cut", |case| of_session(case, |it| it.cut.to_string())),
-    ("hidden", |case| {
-        format!("{:?}", case.secret().hidden).to_lowercase()
-    }),
-    ("kinds", |case| case.secret().kinds.join("+")),
-    ("laws", |case| case.secret().laws.join("+")),
-    ("misfit_over_noise", |case| {
-        number(Some(case.secret().misfit_over_noise), 3)
-    }),
-    ("partner_over_noise", |case| {
-        number(case.secret().partner_over_noise, 3)
-    }),
-    ("visible", |case| case.secret().visible.to_string()),
-    ("noise_deg", |case| {
-        let noise = match &case.answer {
-            Answer::Runs(answer) => answer.sensors.angle_noise,
-            Answer::Session(answer) => answer.instruments.angle_noise,
-        };
-        number(Some(noise.to_degrees()), 3)
-    }),
-    ("coloured_misfit_deg", |case| {
-        of_session(case, |it| number(Some(it.coloured_misfit.to_degrees()), 3))
-    }),
-    ("rate_hz", |case| {
-        of_session(case, |it| it.instruments.rate_hz.to_string())
-    }),
-    ("samples", |case| {
-        of_session(case, |it| it.samples.to_string())
-    }),
-    ("verdict", |case| case.said.verdict.clone()),
-    ("strength", |case| match Strength::of(&case.said) {
-        _ if !case.names() => String::new(),
-        Strength::Full => "full".to_owned(),
-        Strength::Part => "part".to_owned(),
-    }),
-    ("family", |case| {
-        case.said.family.clone().unwrap_or_default()
-    }),
-    ("named", |case| case.said.named.join("+")),
-    ("answer_set", |case| {
-        let sets = case.said.answer_set.iter();
-        sets.map(|set| set.join("+")).collect::<Vec<_>>().join(" ")
-    }),
-    ("repair", |case| {
-        let repair = case.said.repair.clone().unwrap_or_default();
-        repair.replace(", ", "+")
-    }),
-    ("grade", |case| match case.grade {
+    let grade = match case.grade {
         Grade::Wrong(Strength::Full) => "wrong".to_owned(),
         Grade::Wrong(Strength::Part) => "wrong_part".to_owned(),
         Grade::OneOfTwo => "one_of_two".to_owned(),
         grade => format!("{grade:?}").to_lowercase(),
-    }),
-    ("held_out_over_oracle", |case| number(case.over_oracle(), 4)),
-    ("held_out_over_oracle_clean", |case| {
-        number(case.over_oracle_clean(), 4)
-    }),
-    ("held_out_repaired_over_refit", |case| {
-        number(case.said.held_out, 4)
-    }),
-    ("seconds", |case| number(Some(case.seconds), 2)),
-    ("cpu_seconds", |case| number(case.cpu_seconds, 2)),
-];
+    };
+    let mut row = json!({
+        "case": secret.case, "set": case.answer.collection().name(),
+        "hidden": format!("{:?}", secret.hidden).to_lowercase(),
+        "kinds": secret.kinds, "laws": secret.laws,
+        "misfit_over_noise": secret.misfit_over_noise, "partner_over_noise": secret.partner_over_noise,
+        "visible": secret.visible, "verdict": said.verdict,
+        "strength": case.names().then_some(strength), "family": said.family, "named": said.named,
+        "answer_set": said.answer_set, "repair": said.repair, "grade": grade,
+        "held_out_over_oracle": case.over_oracle(),
+        "held_out_over_oracle_clean": case.over_oracle_clean(),
+        "held_out_repaired_over_refit": said.held_out,
+        "seconds": case.seconds, "cpu_seconds": case.cpu_seconds,
+    });
+    let rest = match &case.answer {
+        Answer::Runs(answer) => json!({ "noise_deg": answer.sensors.angle_noise.to_degrees() }),
+        Answer::Session(it) => json!({
+            "rig": it.rig.name(), "cut": it.cut,
+            "noise_deg": it.instruments.angle_noise.to_degrees(),
+            "coloured_misfit_deg": it.coloured_misfit.to_degrees(),
+            "rate_hz": it.instruments.rate_hz, "samples": it.samples,
+        }),
+    };
+    if let (Value::Object(row), Value::Object(rest)) = (&mut row, rest) {
+        row.extend(rest);
+    }
+    row
+}

@@ -4,15 +4,82 @@
 //! of every rival. Over many cases with a known answer, of what is stated with 0.9 nine in ten
 //! have to be right. `cargo xtask bench calibration` counts.
 
-use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string};
+use clap::Args;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use softrig_tests::write;
 
 use super::answer::in_words;
 use super::ask::CaseReplies;
-use super::cases::CaseSet;
+use super::cases::{CaseSet, Set};
+use super::choice::Choice;
 use super::known::Known;
+use crate::blind::counts::wilson;
+use crate::pictures;
+
+/// Is what is stated with a probability right as often as it says?
+///
+/// Diagnoses cases with a known answer, and counts what was stated with which probability
+/// against what is right. Answers are kept: the same command goes on where it was interrupted.
+#[derive(Args, Debug)]
+#[command(after_help = "\
+Unless sets are named, drawn cases and bench sessions are asked. Rivals count where exactly
+one set of effects is right; of rigs of other laboratories, names alone do.
+
+Examples:
+  cargo xtask bench calibration --limit 48 --draw-seed 7
+  cargo xtask bench calibration --sets drawn,bench,loop,rigs,real --json calibration.json")]
+pub struct Options {
+    #[command(flatten)]
+    choice: Choice,
+    /// Draw the picture
+    #[arg(long, value_name = "OUT.svg")]
+    plot: Option<PathBuf>,
+}
+
+impl Options {
+    /// Asks every case.
+    ///
+    /// # Errors
+    ///
+    /// If there are no cases, or answers cannot be kept.
+    pub fn measure(&self, target: &Path) -> Result<Value, String> {
+        let choice = &self.choice;
+        let (rig, sets) = choice.ask(target, &[Set::Drawn, Set::Bench], &[])?;
+        let each: Vec<(&str, Calibration)> = sets
+            .iter()
+            .map(|(set, cases)| (set.name.as_str(), Calibration::of(set, cases)))
+            .collect();
+        let words: Vec<String> = sets
+            .iter()
+            .map(|(set, _)| format!("{} cases of the set {}", set.cases.len(), set.name))
+            .collect();
+        let measured_on = format!("{}; seed {}", words.join(", "), choice.draw_seed);
+        let mut figures = figures(&measured_on, &each);
+        figures["rig_hash"] = rig.hash.into();
+        if let Some(path) = &self.plot {
+            for (_, svg) in pictures::of(&figures)? {
+                write(path, &svg)?;
+            }
+        }
+        Ok(figures)
+    }
+}
+
+/// The figures of each set, and of all sets together with every statement.
+fn figures(measured_on: &str, each: &[(&str, Calibration)]) -> Value {
+    let all = Calibration::joined(each.iter().map(|(_, part)| part));
+    let sets: Vec<Value> = each.iter().map(|(name, part)| part.figures(name)).collect();
+    let mut figures = all.figures("all");
+    figures["benchmark"] = "calibration".into();
+    figures["measured_on"] = measured_on.into();
+    figures["sure"] = SURE.into();
+    figures["sets"] = sets.into();
+    figures["statements"] = json!(all.statements);
+    figures
+}
 
 /// Upper edges of the bins of stated probability.
 const EDGES: [f64; 6] = [0.05, 0.2, 0.5, 0.8, 0.95, 1.0];
@@ -40,7 +107,7 @@ pub struct Statement {
 }
 
 /// Statements with similar probabilities.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub struct Bin {
     /// Lower edge of the probability.
     pub from: f64,
@@ -52,25 +119,10 @@ pub struct Bin {
     pub right: usize,
     /// Mean stated probability.
     pub stated: f64,
-}
-
-impl Bin {
     /// The share that is right.
-    pub fn share(&self) -> f64 {
-        self.right as f64 / self.of as f64
-    }
-
-    /// An interval that holds the true share in nine of ten cases (Wilson 1927).
-    pub fn interval(&self) -> [f64; 2] {
-        /// Standard deviations of a normal distribution's middle 90 %.
-        const Z: f64 = 1.645;
-        let n = self.of as f64;
-        let share = self.share();
-        let middle = (share + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-        let spread = (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
-        let half = Z * spread / (1.0 + Z * Z / n);
-        [(middle - half).max(0.0), (middle + half).min(1.0)]
-    }
+    pub share: f64,
+    /// An interval that holds the true share in nine of ten cases.
+    pub interval: [f64; 2],
 }
 
 /// All that was stated over some cases.
@@ -135,12 +187,15 @@ impl Calibration {
             let here: Vec<&Statement> = self.statements.iter().filter(is_here).collect();
             if !here.is_empty() {
                 let stated: f64 = here.iter().map(|it| it.probability).sum();
+                let right = here.iter().filter(|it| it.right).count();
                 bins.push(Bin {
                     from,
                     to,
                     of: here.len(),
-                    right: here.iter().filter(|it| it.right).count(),
+                    right,
                     stated: stated / here.len() as f64,
+                    share: right as f64 / here.len() as f64,
+                    interval: wilson(right as f64, here.len() as f64, 0.9),
                 });
             }
             from = to;
@@ -155,7 +210,7 @@ impl Calibration {
         let bins = self.bins();
         let apart = bins
             .iter()
-            .map(|bin| bin.of as f64 * (bin.stated - bin.share()).abs());
+            .map(|bin| bin.of as f64 * (bin.stated - bin.share).abs());
         apart.sum::<f64>() / all
     }
 
@@ -175,87 +230,18 @@ impl Calibration {
         [right.count(), self.statements.iter().filter(sure).count()]
     }
 
-    /// The table, in Markdown.
-    pub fn table(&self) -> String {
-        let mut text = "| stated | mean | right | of | share | 90 % interval |\n|---|---:|---:|---:|---:|---|\n".to_owned();
-        for bin in self.bins() {
-            let [low, high] = bin.interval();
-            // Writing to a string cannot fail.
-            let _ = writeln!(
-                text,
-                "| {:.2} to {:.2} | {:.2} | {} | {} | {:.2} | {low:.2} to {high:.2} |",
-                bin.from,
-                bin.to,
-                bin.stated,
-                bin.right,
-                bin.of,
-                bin.share(),
-            );
-        }
-        text
-    }
-
-    /// The figures in a sentence.
-    pub fn summary(&self) -> String {
-        let [right, of] = self.sure_names();
-        format!(
-            "{} statements: expected calibration error {:.3}, log loss {:.3}; of {of} names stated with {SURE} or more, {right} are right.",
-            self.statements.len(),
-            self.expected_error(),
-            self.log_loss(),
-        )
-    }
-
-    /// The share that is right over what was stated, as a picture.
-    pub fn picture(&self, subtitle: &str) -> String {
-        let bins = self.bins();
-        let line = |role| Style::new(role, Mark::Line);
-        let mut panel = Panel::new("stated probability", "share that is right")
-            .with_x_range(0.0, 1.1)
-            .with_y_range(0.0, 1.02)
-            .with_series(Series::new(
-                "as stated",
-                &[0.0, 1.0],
-                &[0.0, 1.0],
-                Style::new(Role::Reference, Mark::Dashed),
-            ));
-        for (place, bin) in bins.iter().enumerate() {
-            let label = if place == 0 { "90 % interval" } else { "" };
-            let stated = [bin.stated; 2];
-            panel = panel.with_series(Series::new(
-                label,
-                &stated,
-                &bin.interval(),
-                line(Role::Measured),
-            ));
-        }
-        let stated: Vec<f64> = bins.iter().map(|bin| bin.stated).collect();
-        let shares: Vec<f64> = bins.iter().map(Bin::share).collect();
-        panel = panel.with_series(Series::new(
-            "right",
-            &stated,
-            &shares,
-            Style::new(Role::Measured, Mark::Discs),
-        ));
-        for bin in &bins {
-            panel = panel.with_note(
-                bin.stated,
-                bin.share(),
-                format!("{} of {}", bin.right, bin.of),
-            );
-        }
-        let mut figure = Figure::new("What is stated, and how often it is right")
-            .with_subtitle(subtitle)
-            .with_panel(panel);
-        figure.width_px = 560.0;
-        figure.row_height_px = 420.0;
-        to_svg_string(&figure)
+    fn figures(&self, name: &str) -> Value {
+        json!({
+            "name": name, "count": self.statements.len(), "expected_error": self.expected_error(),
+            "log_loss": self.log_loss(), "sure_names": self.sure_names(), "bins": self.bins(),
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pages::render;
 
     fn stated(probability: f64, right: usize, of: usize) -> Vec<Statement> {
         let one = |place: usize| Statement {
@@ -288,7 +274,7 @@ mod tests {
         assert!((boaster.expected_error() - 0.4).abs() < 1e-12);
         assert_eq!(boaster.sure_names(), [6, 10]);
         assert!(boaster.log_loss() > 2.0);
-        let [low, high] = boaster.bins()[0].interval();
+        let [low, high] = boaster.bins()[0].interval;
         // Wilson's interval of 6 in 10 at 90 %, from its formula by hand.
         assert!(
             (low - 0.351_8).abs() < 5e-4 && (high - 0.806_1).abs() < 5e-4,
@@ -305,7 +291,12 @@ mod tests {
         };
         let counted: usize = all.bins().iter().map(|bin| bin.of).sum();
         assert_eq!(counted, probabilities.len());
-        assert!(all.table().contains("| 0.95 to 1.00 |"), "{}", all.table());
-        assert!(all.picture("seven").contains("<svg"));
+        let figures = figures("seven", &[("drawn", all)]);
+        let text = render(&figures).unwrap();
+        assert!(text.contains("| 0.95 to 1.00 |"), "{text}");
+        assert!(text.contains("Measured on seven. 7 statements: "), "{text}");
+        let (name, svg) = pictures::of(&figures).unwrap().remove(0);
+        assert_eq!(name, "calibration.svg");
+        assert!(svg.contains("<svg"));
     }
 }

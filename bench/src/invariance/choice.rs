@@ -1,14 +1,15 @@
 //! What both benchmarks on folders of cases let one choose: the cases, and how to ask.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use std::{fs, thread};
 
 use clap::Args;
 
-use super::ask::Rig;
+use super::ask::{CaseReplies, Rig, ask_all};
 use super::cases::{CaseSet, Places, Set};
 use super::known;
+use super::ways::Way;
 
 /// Cases that are drawn unless a number is given: two decks of bench sessions.
 const DRAWN: u32 = 24;
@@ -36,38 +37,28 @@ pub struct Choice {
         visible_alias = "bench-seed"
     )]
     pub draw_seed: u64,
-    /// Where `cargo xtask bench loop` left its sessions
-    #[arg(
-        long,
-        value_name = "DIR",
-        default_value = "target/loop",
-        overrides_with = "loops"
-    )]
-    pub loops: PathBuf,
+    /// Where `cargo xtask bench loop` left its sessions [default: loop in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    pub loops: Option<PathBuf>,
     /// Diagnoses at a time; they share the cores
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = jobs)]
     pub jobs: usize,
     /// The program to ask
     #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     pub rig: PathBuf,
-    /// Where questions and answers are kept
-    #[arg(
-        long,
-        value_name = "DIR",
-        default_value = "target/invariance",
-        overrides_with = "keep"
-    )]
-    pub keep: PathBuf,
+    /// Where questions and answers are kept [default: invariance in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    pub keep: Option<PathBuf>,
     /// Longest time of a diagnosis, in seconds
     #[arg(long, value_name = "SECONDS", default_value_t = 900, value_parser = clap::value_parser!(u64).range(1..))]
     pub timeout: u64,
     /// Labels of cases, beside those that a set has
     #[arg(long, value_name = "FILE")]
     pub known: Option<PathBuf>,
-    /// Write all figures and all answers as JSON
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
 }
+
+/// The cases of a set, and what was replied to each.
+pub type Replies = (CaseSet, Vec<CaseReplies>);
 
 fn jobs(text: &str) -> Result<usize, String> {
     let jobs = text.parse().ok().filter(|jobs| (1..=1024).contains(jobs));
@@ -75,13 +66,34 @@ fn jobs(text: &str) -> Result<usize, String> {
 }
 
 impl Choice {
-    /// The program, with its share of the cores.
+    /// Asks the chosen cases as they are and in these ways: the program with its share of the cores, the cases with what
+    /// is known of them, and the replies. `standard` are the sets unless some are named.
     ///
     /// # Errors
     ///
-    /// If it cannot be read.
-    pub fn rig(&self) -> Result<Rig, String> {
-        Rig::new(&self.rig, self.threads(), Duration::from_secs(self.timeout))
+    /// What is wrong with the program or a set, that nothing is left, or the first run that cannot be made.
+    pub fn ask(
+        &self,
+        target: &Path,
+        standard: &[Set],
+        ways: &[Way],
+    ) -> Result<(Rig, Vec<Replies>), String> {
+        let rig = Rig::new(&self.rig, self.threads(), Duration::from_secs(self.timeout))?;
+        let keep = self.keep.clone();
+        let keep = keep.unwrap_or_else(|| target.join("invariance"));
+        let sets = self.sets(target, &keep, standard)?;
+        let kept = keep.join(&rig.hash);
+        eprintln!(
+            "{} cases in {} ways, {} at a time on {} of {} cores each; answers are kept in {}",
+            sets.iter().map(|set| set.cases.len()).sum::<usize>(),
+            ways.len() + 1,
+            self.jobs,
+            self.threads(),
+            cores(),
+            kept.display()
+        );
+        let replies = ask_all(&rig, &sets, ways, &kept, self.jobs)?;
+        Ok((rig, sets.into_iter().zip(replies).collect()))
     }
 
     /// Threads of each diagnosis.
@@ -89,33 +101,12 @@ impl Choice {
         (cores() / self.jobs).max(1)
     }
 
-    /// Where the answers of this program are kept.
-    pub fn kept_of(&self, rig: &Rig) -> PathBuf {
-        self.keep.join(&rig.hash)
-    }
-
-    /// How the work is shared, in words.
-    pub fn shares(&self) -> String {
-        format!(
-            "{} at a time on {} of {} cores each",
-            self.jobs,
-            self.threads(),
-            cores()
-        )
-    }
-
-    /// The chosen cases with what is known of them; `standard` are the sets unless some are
-    /// named.
-    ///
-    /// # Errors
-    ///
-    /// What is wrong with a set, or that nothing is left.
-    pub fn sets(&self, standard: &[Set]) -> Result<Vec<CaseSet>, String> {
+    fn sets(&self, target: &Path, keep: &Path, standard: &[Set]) -> Result<Vec<CaseSet>, String> {
         let places = Places {
-            drawn: self.keep.join("drawn"),
+            drawn: keep.join("drawn"),
             seed: self.draw_seed,
             count: self.limit.unwrap_or(DRAWN),
-            loops: self.loops.clone(),
+            loops: self.loops.clone().unwrap_or_else(|| target.join("loop")),
         };
         let mut named = self.sets.clone();
         if named.is_empty() && self.folder.is_empty() {
@@ -137,8 +128,8 @@ impl Choice {
             return Err("no case has one of these names".into());
         }
         distinct(&sets)?;
-        fs::create_dir_all(&self.keep)
-            .map_err(|error| format!("cannot make {}: {error}", self.keep.display()))?;
+        fs::create_dir_all(keep)
+            .map_err(|error| format!("cannot make {}: {error}", keep.display()))?;
         Ok(sets)
     }
 }

@@ -7,7 +7,7 @@
 //!
 //! [`cases`] finds the cases, [`ways`] says how a question is changed, [`pose`] writes the
 //! changed files, [`ask`] runs `softrig` and keeps what it said, [`answer`] compares two answers,
-//! [`known`] scores them where somebody knows the truth, and [`tables`] prints. On the same
+//! [`known`] scores them where somebody knows the truth, and [`counts`] counts. On the same
 //! cases [`calibration`] counts how often what is stated with a probability is right;
 //! [`choice`] is what both let one choose.
 
@@ -16,8 +16,9 @@ pub mod ask;
 pub mod calibration;
 pub mod cases;
 pub mod choice;
+pub mod counts;
 pub mod dirt;
 pub mod known;
 pub mod pose;
-pub mod tables;
+pub mod run;
 pub mod ways;

@@ -2,13 +2,11 @@
 //! recordings.
 //!
 //! The recordings are not part of the project; see [`shared_folder`].
-//! [`rigs`] says what they are and what is known of them, [`results`] reads what was found;
-//! the page and [`picture`] show it.
+//! [`rigs`] says what they are and what is known of them, [`results`] reads what was found.
 
-mod page;
-pub mod picture;
 pub mod results;
 pub mod rigs;
+pub mod validation;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,19 +14,18 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use serde_json::{Value, json};
 
 use crate::invariance::cases::Case;
-use page::{page, plain_table, summary};
-use picture::Picture;
-use results::{BlackBoxes, Seconds};
+use crate::processor::{self, Of};
+use results::{BlackBox, BlackBoxes, Seconds};
 use rigs::Rig;
 use softrig_tests::process::{root, succeed};
 use softrig_tests::rig_loop::effects;
 use softrig_tests::shared_folder;
-use softrig_tests::verdict::{Verdict, significant};
+use softrig_tests::verdict::Verdict;
+use validation::Validation;
 
-/// The command that writes the page.
-const COMMAND: &str = "cargo xtask bench real --docs";
 /// How long a diagnosis may take.
 const DIAGNOSE_LIMIT: Duration = Duration::from_secs(3_600);
 /// How long the black boxes of one rig may take.
@@ -36,29 +33,33 @@ const BLACK_BOX_LIMIT: Duration = Duration::from_secs(1_800);
 /// How long a fit or a simulation may take.
 const SHORT_LIMIT: Duration = Duration::from_secs(180);
 
-/// What to run.
+/// Does the diagnosis find in others' rigs what its authors report?
+///
+/// Diagnoses the recordings of eight real rigs, and compares the repaired models with
+/// black-box models on the validation recordings.
 #[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  cargo xtask bench real --only pendulum,silverbox
+  cargo xtask bench real --docs")]
 pub struct Options {
     /// Only these rigs
-    #[arg(long, value_delimiter = ',', value_name = "NAME")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "NAME",
+        conflicts_with = "docs"
+    )]
     only: Vec<String>,
-    /// Write docs/real.md and its pictures
-    #[arg(long, conflicts_with = "only")]
-    docs: bool,
     /// The program to ask
     #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
     /// A Python with what bench/black_box needs
     #[arg(long, value_name = "PATH")]
     python: PathBuf,
-    /// Where the results of each rig go
-    #[arg(
-        long,
-        value_name = "DIR",
-        default_value = "target/real",
-        overrides_with = "folder"
-    )]
-    folder: PathBuf,
+    /// Where the results of each rig go [default: real in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
 }
 
 impl Options {
@@ -77,6 +78,48 @@ impl Options {
         rigs.retain(|rig| self.only.is_empty() || self.only.contains(&rig.name));
         Ok(rigs)
     }
+
+    /// Runs diagnosis and black boxes for each rig.
+    ///
+    /// # Errors
+    ///
+    /// If there are no recordings, for the documentation if any rig has none, or a validation run cannot be simulated; a
+    /// rig that cannot be diagnosed is a row of the table.
+    pub fn measure(&self, folder: &Path, docs: bool) -> Result<Value, String> {
+        let data = shared_folder().join("data/real");
+        let (present, missing): (Vec<_>, Vec<_>) = self
+            .rigs()?
+            .into_iter()
+            .partition(|rig| data.join(&rig.name).join("model.toml").is_file());
+        if let Some(first) = missing.first() {
+            let names: Vec<&str> = missing.iter().map(|rig| rig.name.as_str()).collect();
+            let text = format!(
+                "no recordings of {} in {}\n\
+                 They are others' and not part of this repository. docs/real.md says where each is \
+                 from, docs/formats.md how to convert it; {first} takes model.toml, \
+                 recordings/*.csv and, for most, holdout/*.csv. SOFTRIG_SHARED names the folder \
+                 that holds data/real.",
+                names.join(", "),
+                data.display(),
+                first = data.join(&first.name).display(),
+            );
+            if present.is_empty() || docs {
+                return Err(text);
+            }
+            eprintln!("bench: {text}");
+        }
+        let bench = Bench {
+            data,
+            rig: absolute(&self.rig)?,
+            python: &self.python,
+            folder: self.folder.as_deref().unwrap_or(folder),
+        };
+        let rows = present.into_iter().map(|rig| {
+            eprintln!("bench: {}", rig.name);
+            bench.row(rig)
+        });
+        Ok(figures(&rows.collect::<Result<Vec<_>, _>>()?))
+    }
 }
 
 /// The results of one rig.
@@ -87,63 +130,62 @@ struct RigResult {
     diagnosis: Result<(Verdict, Seconds), String>,
     /// The black boxes, or why there are none.
     black_boxes: Result<BlackBoxes, String>,
+    /// The validation run that is shown, where there is a diagnosis.
+    validation: Option<Validation>,
 }
 
-/// Runs diagnosis and black boxes for each rig.
-///
-/// # Errors
-///
-/// If there are no recordings, or a file cannot be written; a rig that cannot be diagnosed is a
-/// row of the table.
-pub fn bench(options: &Options) -> Result<(), String> {
-    let data = shared_folder().join("data/real");
-    let (present, missing): (Vec<_>, Vec<_>) = options
-        .rigs()?
-        .into_iter()
-        .partition(|rig| data.join(&rig.name).join("model.toml").is_file());
-    if let Some(first) = missing.first() {
-        let names: Vec<&str> = missing.iter().map(|rig| rig.name.as_str()).collect();
-        let text = format!(
-            "no recordings of {} in {}\n\
-             They are others' and not part of this repository. docs/real.md says where each is \
-             from, docs/formats.md how to convert it; {first} takes model.toml, \
-             recordings/*.csv and, for most, holdout/*.csv. SOFTRIG_SHARED names the folder \
-             that holds data/real.",
-            names.join(", "),
-            data.display(),
-            first = data.join(&first.name).display(),
-        );
-        if present.is_empty() || options.docs {
-            return Err(text);
-        }
-        println!("bench: {text}");
+impl RigResult {
+    fn figures(&self) -> Value {
+        let diagnosis = match &self.diagnosis {
+            Ok((diagnosed, seconds)) => json!({
+                "answer": diagnosed.in_a_cell(), "heading": diagnosed.heading(),
+                "report": diagnosed.report(), "closure": diagnosed.closed(),
+                "nominal": diagnosed.holdout_rmse_deg.nominal,
+                "refit": diagnosed.holdout_rmse_deg.refit,
+                "repaired": diagnosed.holdout_rmse_deg.repaired,
+                "ratio": diagnosed.ratio(), "seconds": seconds,
+            }),
+            Err(why) => json!({ "failed": why }),
+        };
+        let black_boxes = match &self.black_boxes {
+            Ok(boxes) => json!(boxes),
+            Err(why) => json!({ "failed": why }),
+        };
+        json!({
+            "name": self.rig.name, "control": self.rig.known.control, "page": self.rig.page,
+            "diagnosis": diagnosis, "black_boxes": black_boxes, "validation": self.validation,
+        })
     }
-    let bench = Bench {
-        data,
-        rig: absolute(&options.rig)?,
-        options,
+}
+
+/// The results of all rigs, and how many there are of a kind.
+fn figures(rows: &[RigResult]) -> Value {
+    let count = |control: bool, holds: fn(&Verdict) -> bool| {
+        let rows = rows.iter().filter(|row| row.rig.known.control == control);
+        let rows = rows.filter_map(|row| row.diagnosis.as_ref().ok());
+        rows.filter(|(diagnosed, _)| holds(diagnosed)).count()
     };
-    let mut rows = Vec::new();
-    for rig in present {
-        println!("bench: {}", rig.name);
-        let row = bench.row(rig);
-        let problems = [row.diagnosis.as_ref().err(), row.black_boxes.as_ref().err()];
-        for problem in problems.into_iter().flatten() {
-            println!("  {problem}");
-        }
-        rows.push(row);
-    }
-    println!("\n{}\n{}", plain_table(&rows), summary(&rows));
-    if options.docs {
-        for row in &rows {
-            bench.draw(row)?;
-        }
-        let path = root().join("docs/real.md");
-        fs::write(&path, page(&rows))
-            .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-        println!("table and pictures: docs/real.md");
-    }
-    Ok(())
+    // Repaired model and best black box that is allowed as much.
+    let pairs: Vec<(f64, f64)> = rows
+        .iter()
+        .filter_map(|row| {
+            let repaired = row.diagnosis.as_ref().ok()?.0.holdout_rmse_deg.repaired?;
+            let BlackBoxes { arx, narx, .. } = row.black_boxes.as_ref().ok()?;
+            let errors = |model: &BlackBox| [model.rms(), model.with_freedom];
+            let errors = [errors(arx), errors(narx)].concat().into_iter().flatten();
+            Some((repaired, errors.fold(f64::INFINITY, f64::min)))
+        })
+        .collect();
+    json!({
+        "benchmark": "real",
+        "controls": rows.iter().filter(|row| row.rig.known.control).count(),
+        "named": count(false, Verdict::names_something),
+        "controls_named": count(true, Verdict::names_something),
+        "controls_lacking_nothing": count(true, Verdict::lacks_nothing),
+        "compared": pairs.len(),
+        "better": pairs.iter().filter(|(ours, theirs)| ours <= theirs).count(),
+        "rigs": rows.iter().map(RigResult::figures).collect::<Vec<_>>(),
+    })
 }
 
 fn absolute(path: &Path) -> Result<PathBuf, String> {
@@ -155,28 +197,34 @@ fn absolute(path: &Path) -> Result<PathBuf, String> {
 struct Bench<'a> {
     data: PathBuf,
     rig: PathBuf,
-    options: &'a Options,
+    python: &'a Path,
+    folder: &'a Path,
 }
 
 impl Bench<'_> {
-    fn row(&self, rig: Rig) -> RigResult {
-        let folder = self.folder(&rig);
+    fn row(&self, rig: Rig) -> Result<RigResult, String> {
+        let folder = self.folder.join(&rig.name);
         // Results of an earlier run would be taken for those of this one.
         let _ = fs::remove_dir_all(&folder);
         let made = fs::create_dir_all(&folder)
             .map_err(|error| format!("cannot make {}: {error}", folder.display()));
         let case = made.and_then(|()| self.case(&rig));
-        let case = || case.as_ref().map_err(Clone::clone);
-        RigResult {
-            diagnosis: case().and_then(|case| self.diagnose(case, &folder)),
-            black_boxes: case().and_then(|case| self.black_boxes(case, &folder)),
+        let case = case.as_ref();
+        let diagnosis = case
+            .map_err(Clone::clone)
+            .and_then(|case| self.diagnose(case, &folder));
+        let validation = match (&diagnosis, case) {
+            (Ok(_), Ok(case)) => Some(self.validation(case, &folder)?),
+            _ => None,
+        };
+        Ok(RigResult {
+            diagnosis,
+            black_boxes: case
+                .map_err(Clone::clone)
+                .and_then(|case| self.black_boxes(case, &folder)),
+            validation,
             rig,
-        }
-    }
-
-    /// Where the results of a rig are left.
-    fn folder(&self, rig: &Rig) -> PathBuf {
-        self.options.folder.join(&rig.name)
+        })
     }
 
     /// Model and recordings of a rig.
@@ -202,11 +250,11 @@ impl Bench<'_> {
             .arg(&verdict)
             .arg("-o")
             .arg(folder.join("repaired.toml"));
-        let (clock, before) = (Instant::now(), children_cpu());
+        let (clock, before) = (Instant::now(), processor::seconds(Of::Children));
         succeed(&mut command, DIAGNOSE_LIMIT, &folder.join("diagnose.txt"))?;
         let seconds = Seconds {
             wall: clock.elapsed().as_secs_f64(),
-            cpu: children_cpu()
+            cpu: processor::seconds(Of::Children)
                 .zip(before)
                 .map(|(after, before)| after - before),
         };
@@ -215,7 +263,7 @@ impl Bench<'_> {
 
     fn black_boxes(&self, case: &Case, folder: &Path) -> Result<BlackBoxes, String> {
         let results = folder.join("black_boxes.json");
-        let mut command = Command::new(&self.options.python);
+        let mut command = Command::new(self.python);
         command
             .arg(root().join("bench/black_box/black_box.py"))
             .arg("--fit")
@@ -229,14 +277,8 @@ impl Bench<'_> {
         BlackBoxes::read(&results)
     }
 
-    /// Draws the validation run on which the refit misses most.
-    fn draw(&self, row: &RigResult) -> Result<(), String> {
-        let Ok((verdict, _)) = &row.diagnosis else {
-            return Ok(());
-        };
-        let rig = &row.rig;
-        let case = self.case(rig)?;
-        let folder = self.folder(rig);
+    /// The validation run on which the refit misses most.
+    fn validation(&self, case: &Case, folder: &Path) -> Result<Validation, String> {
         let refit = folder.join("refit.toml");
         let repaired = folder.join("repaired.toml");
         let mut command = Command::new(&self.rig);
@@ -244,19 +286,13 @@ impl Bench<'_> {
         command.args(&case.recordings).arg("-o").arg(&refit);
         succeed(&mut command, SHORT_LIMIT, &folder.join("fit.txt"))?;
         let is_repaired = effects(&repaired)? != effects(&case.model)?;
-        let picture = Picture {
-            title: format!("{}: {}", rig.page.title, verdict.heading()),
-            subtitle: subtitle(verdict, is_repaired),
-            quantity: &rig.page.quantity,
-            command: COMMAND,
-            refit: self.simulated(&refit, "refit", &folder, &case.holdout)?,
-            repaired: if is_repaired {
-                self.simulated(&repaired, "repaired", &folder, &case.holdout)?
-            } else {
-                Vec::new()
-            },
+        let refit = self.simulated(&refit, "refit", folder, &case.holdout)?;
+        let repaired = if is_repaired {
+            self.simulated(&repaired, "repaired", folder, &case.holdout)?
+        } else {
+            Vec::new()
         };
-        picture.draw(&root().join(format!("docs/images/real_{}.svg", rig.name)))
+        Validation::of(&refit, &repaired)
     }
 
     /// The recordings as a model simulates them.
@@ -284,70 +320,115 @@ impl Bench<'_> {
     }
 }
 
-/// The subtitle of a picture.
-fn subtitle(verdict: &Verdict, is_repaired: bool) -> String {
-    let number = |value: Option<f64>| value.map_or("–".into(), significant);
-    let held_out = &verdict.holdout_rmse_deg;
-    let mut text = format!(
-        "RMS error on all validation runs: {} refitted",
-        number(held_out.refit)
-    );
-    if is_repaired {
-        text += &format!(", {} repaired", number(held_out.repaired));
-    }
-    text
-}
-
-/// Processor time (s) of the processes that were started here and have ended; none where
-/// the system does not keep it in a file.
-pub fn children_cpu() -> Option<f64> {
-    cpu_of_children(&fs::read_to_string("/proc/self/stat").ok()?)
-}
-
-/// From the text of Linux's `/proc/self/stat` (proc(5)): fields 16 and 17, counted after
-/// the name in parentheses, in hundredths of a second.
-fn cpu_of_children(stat: &str) -> Option<f64> {
-    const TICKS_PER_SECOND: f64 = 100.0;
-    const USER: usize = 13;
-    let (_, fields) = stat.rsplit_once(')')?;
-    let mut fields = fields.split_whitespace().skip(USER);
-    let mut ticks = || fields.next()?.parse::<f64>().ok();
-    Some((ticks()? + ticks()?) / TICKS_PER_SECOND)
-}
-
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
+    use crate::pages::{for_terminal, render};
+    use crate::real::rigs::all;
+
+    fn rows() -> Vec<RigResult> {
+        let mut rigs = all().unwrap();
+        let verdict = r#"{"verdict": "effect_found", "effects": [{"kind": "gravity"}],
+            "adequacy": {"holdout_gap_closed": 0.955},
+            "holdout_rmse_deg": {"nominal": 4.0, "refit": 2.5, "repaired": 0.25}}"#;
+        let seconds = Seconds {
+            wall: 3.25,
+            cpu: Some(6.0),
+        };
+        let black_box = |rms: Option<f64>, with_freedom: Option<f64>| -> BlackBox {
+            serde_json::from_value(serde_json::json!({
+                "diverges": rms.is_none(), "rms_deg": rms, "rms_with_freedom_deg": with_freedom,
+                "output_lags": [1, 2], "input_lags": [0], "terms": 7, "degree": 3,
+                "rate_hz": 50.0, "wall_s": 1.0,
+            }))
+            .unwrap()
+        };
+        vec![
+            RigResult {
+                rig: rigs.remove(0),
+                diagnosis: Ok((Verdict::parse(verdict).unwrap(), seconds)),
+                black_boxes: Ok(BlackBoxes {
+                    arx: black_box(None, None),
+                    narx: black_box(Some(0.5), Some(0.3)),
+                    sampled_alike: false,
+                }),
+                validation: None,
+            },
+            RigResult {
+                rig: rigs.remove(6),
+                diagnosis: Err("rig | took\ntoo long".into()),
+                black_boxes: Err("no numpy".into()),
+                validation: None,
+            },
+        ]
+    }
+
+    fn cells(line: &str) -> Vec<&str> {
+        line.trim_matches('|').split('|').map(str::trim).collect()
+    }
 
     #[test]
-    fn options_are_read() {
-        #[derive(Debug, clap::Parser)]
-        struct Line {
-            #[command(flatten)]
-            options: Options,
-        }
-        let parse = |line: &str| {
-            let line = format!("real --softrig a/rig --python python {line}");
-            Line::try_parse_from(line.split_whitespace()).map(|line| line.options)
+    fn the_table_shows_what_there_is() {
+        let text = render(&figures(&rows())).unwrap();
+        let table: Vec<&str> = text.lines().filter(|line| line.starts_with('|')).collect();
+        assert_eq!(table.len(), 4);
+        assert!(
+            table.iter().all(|line| cells(line).len() == 13),
+            "{table:?}"
+        );
+        assert_eq!(
+            cells(table[2])[2..],
+            [
+                "gravity",
+                "96 %",
+                "4.00",
+                "2.50",
+                "0.250",
+                "0.100",
+                "diverges",
+                "0.500",
+                "0.300",
+                "3.2 (6.0)",
+                "1.0 (–) + 1.0 (–)"
+            ]
+        );
+        let cells = cells(table[3]);
+        assert_eq!(
+            cells[0],
+            "[falling_bowling_ball](#falling-bowling-ball) (control)"
+        );
+        assert_eq!(cells[2], "failed: rig / took too long");
+        assert_eq!(cells[8], "failed: no numpy");
+        assert!(table[2].starts_with("| [pendulum](#pendulum) |"));
+        assert!(text.contains("](images/real_pendulum.svg)"));
+        assert!(!text.contains("](images/real_falling_bowling_ball.svg)"));
+        assert!(
+            text.contains(" ARX: past outputs 2, inputs 1, terms 7 (degree 3), at 50.0 Hz; NARX: ")
+        );
+        let columns = |line: &str| line.find("gravity");
+        assert_eq!(for_terminal(&text).lines().filter_map(columns).count(), 2);
+    }
+
+    #[test]
+    fn rigs_are_chosen_by_name() {
+        let named = |only: &str| Options {
+            only: only.split(',').map(str::to_owned).collect(),
+            rig: PathBuf::new(),
+            python: PathBuf::new(),
+            folder: None,
         };
-        let options = parse("--only pendulum,silverbox --softrig b/rig").unwrap();
-        assert_eq!(options.rigs().unwrap().len(), 2);
-        assert_eq!(options.rig, Path::new("b/rig"));
-        assert!(parse("--docs").unwrap().docs);
-        for line in ["--only", "--docs --only pendulum", "--jobs 1"] {
-            assert!(parse(line).is_err(), "{line}");
-        }
-        let unknown = parse("--only rocket").unwrap().rigs().unwrap_err();
+        assert_eq!(named("pendulum,silverbox").rigs().unwrap().len(), 2);
+        let unknown = named("rocket").rigs().unwrap_err();
         assert!(unknown.contains("there are pendulum"), "{unknown}");
     }
 
     #[test]
-    fn processor_time_is_read() {
-        let stat = "12 (a (b) c) S 1 2 3 4 5 6 7 8 9 10 11 12 250 50 20 0";
-        assert_eq!(cpu_of_children(stat), Some(3.0));
-        assert_eq!(cpu_of_children("12 a"), None);
-        assert_eq!(cpu_of_children("1 (a) S 1"), None);
+    fn the_summary_counts_names_and_wins() {
+        let text = render(&figures(&rows())).unwrap();
+        assert!(
+            text.contains("for 1 of 1 rigs with something known and for 0 of 1 controls"),
+            "{text}"
+        );
+        assert!(text.contains("on 1 of 1.\n"), "{text}");
     }
 }

@@ -2,13 +2,12 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::invariance::known::read_json;
-use softrig_tests::verdict::significant;
 
 /// The Python script's results.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct BlackBoxes {
     /// A linear model.
     pub arx: BlackBox,
@@ -31,7 +30,7 @@ impl BlackBoxes {
 }
 
 /// One black box.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 pub struct BlackBox {
     #[serde(default)]
     diverges: bool,
@@ -56,22 +55,10 @@ impl BlackBox {
     pub fn rms(&self) -> Option<f64> {
         self.rms_deg.filter(|_| !self.diverges)
     }
-
-    /// Its orders in words.
-    pub fn words(&self) -> String {
-        format!(
-            "past outputs {}, inputs {}, terms {} (degree {}), at {} Hz",
-            self.output_lags.len(),
-            self.input_lags.len(),
-            self.terms,
-            self.degree,
-            significant(self.rate_hz)
-        )
-    }
 }
 
 /// How long something took.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct Seconds {
     /// Wall time (s).
     #[serde(rename = "wall_s")]
@@ -81,18 +68,10 @@ pub struct Seconds {
     pub cpu: Option<f64>,
 }
 
-impl Seconds {
-    /// `wall (CPU)`.
-    pub fn words(self) -> String {
-        let cpu = self.cpu.map_or("–".into(), |cpu| format!("{cpu:.1}"));
-        format!("{:.1} ({cpu})", self.wall)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use softrig_tests::verdict::Verdict;
+    use softrig_tests::verdict::{Verdict, significant};
 
     /// As `softrig` wrote it before answers were graded.
     const PLAIN: &str = r#"{ "schema": 1, "verdict": "effect_found",
@@ -167,11 +146,7 @@ mod tests {
             "rate_hz": 12.5, "wall_s": 0.25, "cpu_s": 0.125}"#;
         let arx: BlackBox = serde_json::from_str(text).unwrap();
         assert_eq!((arx.rms(), arx.with_freedom), (None, None));
-        assert_eq!(
-            arx.words(),
-            "past outputs 2, inputs 1, terms 4 (degree 1), at 12.5 Hz"
-        );
-        assert_eq!(arx.seconds.words(), "0.2 (0.1)");
+        assert_eq!((arx.seconds.wall, arx.seconds.cpu), (0.25, Some(0.125)));
         assert!(serde_json::from_str::<BlackBox>("{}").is_err());
     }
 

@@ -1,7 +1,7 @@
 //! The rigs of the page: labels of `bench/data/real_known.json` that say what a reader has to
 //! know beside them.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::invariance::known::{self, Known};
@@ -18,7 +18,7 @@ pub struct Rig {
 }
 
 /// What the page says of a rig.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Page {
     /// Heading of its section.
     pub title: String,

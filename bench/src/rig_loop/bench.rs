@@ -1,20 +1,20 @@
 //! The whole loop on many random actuators: how much a diagnosis improves the board's
 //! prediction.
 
-use std::fmt::Write as _;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
 use std::time::Duration;
 
 use clap::Args;
 use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Value, json};
 
-use softrig_tests::process::{root, succeed};
+use softrig_tests::process::succeed;
 use softrig_tests::rig_loop::{
-    Board, Drawn, Folder, Gap, PROTOCOL, Programs, diagnose, gap, record, upload_model,
-    upload_repaired,
+    Board, Drawn, Folder, Gap, Programs, diagnose, gap, record, upload_model, upload_repaired,
 };
 use softrig_tests::verdict::Kinds;
 use softrig_tests::verdict::{Verdict, in_words};
@@ -33,26 +33,27 @@ const LARGEST_ANSWER: usize = 3;
 /// More seeds than anyone waits for: a slip in the range.
 const MOST_SEEDS: u64 = 10_000;
 
-/// What to run.
+/// How much does a diagnosis improve what the board predicts?
+///
+/// Draws an actuator from each seed, which hides an effect, and runs the demo's loop on it:
+/// record, diagnose, upload, record again.
 #[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  cargo xtask bench loop --seeds 201..212
+  cargo xtask bench loop --seeds 901..924 --docs")]
 pub struct Options {
+    #[command(flatten)]
+    programs: Programs,
     /// One case each: a range with both ends, 201..212, or a list, 1,5,9
     #[arg(long, value_parser = Seeds::parse)]
     seeds: Seeds,
     /// Cases at a time [default: half the cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Write docs/loop.md
-    #[arg(long)]
-    docs: bool,
-    /// Where the files of the cases go
-    #[arg(
-        long,
-        value_name = "DIR",
-        default_value = "target/loop",
-        overrides_with = "folder"
-    )]
-    folder: PathBuf,
+    /// Where the files of the cases go [default: loop in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
 }
 
 /// Seeds, as they were asked for.
@@ -85,30 +86,26 @@ fn seeds(text: &str) -> Option<Vec<u64>> {
         .collect()
 }
 
-/// Runs the loop for each seed.
-///
-/// # Errors
-///
-/// If the page cannot be written; a case that does not go through is a row of the table.
-pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
-    let workers = workers(options.jobs)?;
-    let case = |&seed: &u64| {
-        let row = LoopResult::of(programs, seed, options.folder.join(seed.to_string()));
-        println!("{}", row.line());
-        row
-    };
-    let seeds = &options.seeds;
-    let mut rows: Vec<LoopResult> =
-        workers.install(|| seeds.each.par_iter().with_max_len(1).map(case).collect());
-    rows.sort_by_key(|row| row.seed);
-    println!("\n{}", Summary::of(&rows).text());
-    if options.docs {
-        let path = root().join("docs/loop.md");
-        fs::write(&path, page(&seeds.asked, &rows))
-            .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-        println!("table: docs/loop.md");
+impl Options {
+    /// Runs the loop for each seed.
+    ///
+    /// # Errors
+    ///
+    /// If there are no threads; a case that does not go through is a row of the table.
+    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
+        let folder = self.folder.as_deref().unwrap_or(folder);
+        let workers = workers(self.jobs)?;
+        let case = |&seed: &u64| {
+            let row = LoopResult::of(&self.programs, seed, folder.join(seed.to_string()));
+            eprintln!("{}", row.figures());
+            row
+        };
+        let seeds = &self.seeds;
+        let mut rows: Vec<LoopResult> =
+            workers.install(|| seeds.each.par_iter().with_max_len(1).map(case).collect());
+        rows.sort_by_key(|row| row.seed);
+        Ok(figures(&seeds.asked, &rows))
     }
-    Ok(())
 }
 
 /// Threads for so many cases at a time, or for half the cores.
@@ -118,12 +115,6 @@ pub(super) fn workers(jobs: Option<u16>) -> Result<rayon::ThreadPool, String> {
         .num_threads(jobs.map_or(half.max(1), usize::from))
         .build()
         .map_err(|error| error.to_string())
-}
-
-/// Why a case failed, on one line and without what ends a cell of a table.
-pub(super) fn in_a_cell(why: &str) -> String {
-    let why = why.split_whitespace().collect::<Vec<_>>().join(" ");
-    why.replace('|', "/").chars().take(160).collect()
 }
 
 /// One actuator.
@@ -152,42 +143,40 @@ impl Done {
     }
 }
 
-/// The outcome of uploading the repaired model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The outcome of uploading the repaired model, as the table adds it to the score.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 enum Uploaded {
     /// The board runs it.
+    #[serde(rename = "")]
     Yes,
     /// The diagnosis does not offer it.
+    #[serde(rename = ", no upload")]
     NotOffered,
     /// The board cannot step it, and keeps the model that it has.
+    #[serde(rename = ", refused by the board")]
     Refused,
 }
 
-impl Uploaded {
-    /// The words that the table adds to the score.
-    fn words(self) -> &'static str {
-        match self {
-            Self::Yes => "",
-            Self::NotOffered => ", no upload",
-            Self::Refused => ", refused by the board",
-        }
-    }
-}
-
 /// The score of an answer against the truth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub(super) enum Score {
     /// The hidden effects, and nothing else, are named.
+    #[serde(rename = "named")]
     Named,
     /// It is one of a few answers that are left open.
+    #[serde(rename = "in the answer set")]
     Among,
     /// It is one of many.
+    #[serde(rename = "in an answer set of more than three")]
     AmongMany,
     /// Some of what is hidden is named, and nothing else.
+    #[serde(rename = "named in part")]
     Partly,
     /// Something is named that is not there.
+    #[serde(rename = "WRONG NAME")]
     Wrong,
     /// Nothing of this.
+    #[serde(rename = "not named")]
     Silent,
 }
 
@@ -210,17 +199,6 @@ impl Score {
             _ => Self::Silent,
         }
     }
-
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Named => "named",
-            Self::Among => "in the answer set",
-            Self::AmongMany => "in an answer set of more than three",
-            Self::Partly => "named in part",
-            Self::Wrong => "WRONG NAME",
-            Self::Silent => "not named",
-        }
-    }
 }
 
 impl LoopResult {
@@ -241,61 +219,34 @@ impl LoopResult {
         Some(Score::of(&self.hidden, &done.verdict))
     }
 
-    /// The cells of the table's row.
-    fn cells(&self) -> Vec<String> {
-        let hidden = if self.hidden.is_empty() {
-            "parameters only".into()
-        } else {
-            in_words(&self.hidden)
-        };
-        let mut cells = vec![self.seed.to_string(), hidden];
+    fn figures(&self) -> Value {
+        let mut row = json!({ "seed": self.seed, "hidden": in_words(&self.hidden) });
         match &self.went {
             Ok(done) => {
                 let verdict = &done.verdict;
-                let answer = if !verdict.effects.is_empty() {
-                    in_words(verdict.named())
-                } else if verdict.verdict == "cannot_tell" {
-                    verdict.sets().collect::<Vec<_>>().join(" / ")
-                } else {
-                    "–".into()
-                };
-                let score = Score::of(&self.hidden, verdict);
-                let kept = done.uploaded.words();
-                cells.extend([
-                    verdict.verdict.replace('_', " "),
-                    answer,
-                    format!("{}{kept}", score.words()),
-                    format!("{:.3}", done.gap.before.rms_deg),
-                    format!("{:.3}", done.gap.after.rms_deg),
-                    format!("{:.2}", done.ratio()),
-                    format!("{:.0}", verdict.seconds.unwrap_or(f64::NAN)),
-                ]);
+                row["verdict"] = verdict.verdict.as_str().into();
+                if !verdict.effects.is_empty() || verdict.verdict == "cannot_tell" {
+                    row["answer"] = answer(verdict).into();
+                }
+                row["score"] = json!(Score::of(&self.hidden, verdict));
+                row["uploaded"] = json!(done.uploaded);
+                row["before_deg"] = done.gap.before.rms_deg.into();
+                row["after_deg"] = done.gap.after.rms_deg.into();
+                row["ratio"] = done.ratio().into();
+                row["diagnosis_s"] = verdict.seconds.into();
             }
-            Err(why) => {
-                cells.extend(["failed".into(), in_a_cell(why)]);
-                cells.extend(std::iter::repeat_n(String::new(), 5));
-            }
+            Err(why) => row["failed"] = why.as_str().into(),
         }
-        cells
+        row
     }
+}
 
-    fn line(&self) -> String {
-        let cells = self.cells();
-        match &self.went {
-            Ok(_) => format!(
-                "{}: hides {}; {}: {} [{}]; gap {}° to {}°, {} times smaller; diagnosed in {} s",
-                cells[0],
-                cells[1],
-                cells[2],
-                cells[3],
-                cells[4],
-                cells[5],
-                cells[6],
-                cells[7],
-                cells[8]
-            ),
-            Err(_) => format!("{}: hides {}; failed: {}", cells[0], cells[1], cells[3]),
-        }
+/// What is named, or left open.
+pub(super) fn answer(verdict: &Verdict) -> String {
+    if verdict.effects.is_empty() {
+        verdict.sets().collect::<Vec<_>>().join(" / ")
+    } else {
+        in_words(verdict.named())
     }
 }
 
@@ -367,92 +318,31 @@ fn case(programs: &Programs, seed: u64, folder: &Folder) -> Result<Done, String>
     })
 }
 
-/// The summary of the rows.
-#[derive(Clone, Debug, PartialEq)]
-struct Summary {
-    cases: usize,
-    failed: usize,
-    named: usize,
-    /// Named, or among few answers that are left open.
-    answered: usize,
-    wrong: usize,
-    /// How many times smaller the gap is after the upload, in the median; none
-    /// without cases.
-    median_ratio: Option<f64>,
-    worst_ratio: Option<f64>,
-}
-
-impl Summary {
-    fn of(rows: &[LoopResult]) -> Self {
-        let count = |wanted: &[Score]| {
-            let scores = rows.iter().filter_map(LoopResult::score);
-            scores.filter(|score| wanted.contains(score)).count()
-        };
-        let done = || rows.iter().filter_map(|row| row.went.as_ref().ok());
-        let mut ratios: Vec<f64> = done().map(Done::ratio).filter(|r| !r.is_nan()).collect();
-        ratios.sort_by(f64::total_cmp);
-        let middle = ratios.len() / 2;
-        Self {
-            cases: rows.len(),
-            failed: rows.len() - done().count(),
-            named: count(&[Score::Named]),
-            answered: count(&[Score::Named, Score::Among]),
-            wrong: count(&[Score::Wrong]),
-            median_ratio: match ratios.len() {
-                0 => None,
-                n if n.is_multiple_of(2) => Some(f64::midpoint(ratios[middle - 1], ratios[middle])),
-                _ => Some(ratios[middle]),
-            },
-            worst_ratio: ratios.first().copied(),
-        }
-    }
-
-    fn text(&self) -> String {
-        let times = |ratio: Option<f64>| ratio.map_or("–".into(), |ratio| format!("{ratio:.2}"));
-        let mut text = format!(
-            "{} of {cases} named rightly, {} of {cases} named or among at most {LARGEST_ANSWER} of \
-             \"cannot tell\", {} named wrongly. The board's gap became {} times smaller in the \
-             median, {} times in the worst case.",
-            self.named,
-            self.answered,
-            self.wrong,
-            times(self.median_ratio),
-            times(self.worst_ratio),
-            cases = self.cases,
-        );
-        if self.failed > 0 {
-            let _ = write!(text, " {} did not go through.", self.failed);
-        }
-        text
-    }
-}
-
-/// The page of the documentation.
-fn page(asked: &str, rows: &[LoopResult]) -> String {
-    let mut text = format!(
-        "# The whole loop on drawn actuators\n\n\
-         Written by `cargo xtask bench loop --seeds {asked} --docs`.\n\n\
-         Each seed draws an actuator with a hidden effect (`virtual-rig serve --hide SEED`). The\n\
-         firmware runs in the simulator with the nominal model. The protocol `{PROTOCOL}` is recorded\n\
-         through the serial port, `softrig diagnose` looks for what is missing, the repaired model is\n\
-         uploaded, and the protocol is recorded again. The gap is the angle that the board predicts\n\
-         less the angle that it measures, RMS over all runs. The files of each case are in\n\
-         `target/loop/SEED`.\n\n{}\n\n\
-         | seed | hidden | verdict | answer | the truth is | gap before (°) | after (°) | times smaller | diagnosis (s) |\n\
-         |---:|---|---|---|---|---:|---:|---:|---:|\n",
-        Summary::of(rows).text()
-    );
-    for row in rows {
-        let _ = writeln!(text, "| {} |", row.cells().join(" | "));
-    }
-    text
+/// The rows, and how many there are of a kind.
+fn figures(seeds: &str, rows: &[LoopResult]) -> Value {
+    let count = |wanted: &[Score]| {
+        let scores = rows.iter().filter_map(LoopResult::score);
+        scores.filter(|score| wanted.contains(score)).count()
+    };
+    let done = || rows.iter().filter_map(|row| row.went.as_ref().ok());
+    let mut ratios: Vec<f64> = done().map(Done::ratio).filter(|r| !r.is_nan()).collect();
+    ratios.sort_by(f64::total_cmp);
+    let worst = ratios.first().copied();
+    json!({
+        "benchmark": "loop", "seeds": seeds, "named": count(&[Score::Named]),
+        // Named, or among few answers that are left open.
+        "answered": count(&[Score::Named, Score::Among]), "largest_answer": LARGEST_ANSWER,
+        "wrong": count(&[Score::Wrong]), "failed": rows.len() - done().count(),
+        // How many times smaller the gap is after the upload.
+        "median_ratio": worst.map(|_| softrig::statistics::median(&mut ratios)), "worst_ratio": worst,
+        "cases": rows.iter().map(LoopResult::figures).collect::<Vec<_>>(),
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
-
     use super::*;
+    use crate::pages::render;
     use softrig_tests::rig_loop::Side;
 
     fn row(seed: u64, hidden: &[&str], verdict: &str, gaps: (f64, f64)) -> LoopResult {
@@ -487,34 +377,6 @@ mod tests {
     }
 
     #[test]
-    fn options_are_read() {
-        #[derive(Debug, clap::Parser)]
-        struct Command {
-            #[command(flatten)]
-            options: Options,
-        }
-        let parse = |line: &str| {
-            let words = std::iter::once("loop").chain(line.split_whitespace());
-            Command::try_parse_from(words).map(|command| command.options)
-        };
-        let options = parse("--docs --seeds 1..3 --jobs 2").unwrap();
-        assert_eq!(
-            (options.seeds.each.len(), options.jobs, options.docs),
-            (3, Some(2), true)
-        );
-        assert_eq!(parse("--seeds 1,5").unwrap().seeds.asked, "1,5");
-        for line in [
-            "",
-            "--seeds",
-            "--seeds 5..1",
-            "--jobs 0 --seeds 1",
-            "--seeds 1 --job 1",
-        ] {
-            assert!(parse(line).is_err(), "{line}");
-        }
-    }
-
-    #[test]
     fn answers_are_scored_beside_the_truth() {
         let score = |hidden: &[&str], verdict: &str| row(1, hidden, verdict, (1.0, 1.0)).score();
         assert_eq!(score(&["gravity"], GRAVITY), Some(Score::Named));
@@ -543,12 +405,19 @@ mod tests {
                 went: Err("rig took\n|too long".into()),
             },
         ];
-        let summary = Summary::of(&rows);
-        assert_eq!((summary.cases, summary.failed), (4, 1));
-        assert_eq!((summary.named, summary.answered, summary.wrong), (1, 2, 1));
-        assert_eq!(summary.median_ratio, Some(3.0));
-        assert_eq!(summary.worst_ratio, Some(0.5));
-        let page = page("1..4", &rows);
+        let found = figures("1..4", &rows);
+        let count = |name: &str| found[name].as_u64().unwrap();
+        assert_eq!(
+            (found["cases"].as_array().unwrap().len(), count("failed")),
+            (4, 1)
+        );
+        assert_eq!(
+            (count("named"), count("answered"), count("wrong")),
+            (1, 2, 1)
+        );
+        assert_eq!(found["median_ratio"], 3.0);
+        assert_eq!(found["worst_ratio"], 0.5);
+        let page = render(&found).unwrap();
         assert!(
             page.contains("| 4 | parameters only | failed | rig took /too long |"),
             "{page}"
@@ -557,8 +426,7 @@ mod tests {
         let table: Vec<&str> = page.lines().filter(|line| line.starts_with('|')).collect();
         assert_eq!(table.len(), 6);
         assert!(table.iter().all(|line| columns(line) == 10), "{table:?}");
-        assert_eq!(Summary::of(&[]).median_ratio, None);
-        assert!(rows[1].line().contains("WRONG NAME"));
-        assert!(rows[3].line().contains("failed: rig took"));
+        assert_eq!(figures("1", &[])["median_ratio"], Value::Null);
+        assert_eq!(found["cases"][1]["score"], "WRONG NAME");
     }
 }

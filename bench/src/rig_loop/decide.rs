@@ -5,20 +5,17 @@
 //! that it proposes, two at most, on the same actuator. Counted is what stands in the answer after
 //! one session and after the last.
 
-use std::fmt::Write as _;
-use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use clap::Args;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
+use serde_json::{Value, json};
 
-use super::bench::{DIAGNOSE_LIMIT, RECORD_LIMIT, Score, Seeds, board, in_a_cell, logged, workers};
-use softrig_tests::process::root;
+use super::bench::{DIAGNOSE_LIMIT, RECORD_LIMIT, Score, Seeds, answer, board, logged, workers};
 use softrig_tests::rig_loop::{Drawn, Folder, Programs, diagnose, record};
-use softrig_tests::verdict::Kinds;
-use softrig_tests::verdict::{Verdict, in_words};
+use softrig_tests::verdict::{Kinds, Verdict};
 
 /// Experiments at most.
 const MOST: u32 = 2;
@@ -26,9 +23,18 @@ const MOST: u32 = 2;
 /// What is stated with at least this should be right.
 const SURE: f64 = 0.95;
 
-/// What to run.
+/// Do the experiments that `softrig` proposes decide what one session cannot tell?
+///
+/// For each effect an actuator is drawn that hides it. One session is recorded on the virtual
+/// rig and diagnosed; where it cannot tell, `softrig next` makes the experiments, two at most.
 #[derive(Args, Debug)]
+#[command(after_help = "\
+Examples:
+  cargo xtask bench decide --seeds 1 --only gravity,end_stop
+  cargo xtask bench decide --seeds 5301..5302 --docs")]
 pub struct Options {
+    #[command(flatten)]
+    programs: Programs,
     /// Seeds of each effect: a range with both ends, 5301..5302, or a list, 1,5,9
     #[arg(long, value_parser = Seeds::parse)]
     seeds: Seeds,
@@ -38,53 +44,41 @@ pub struct Options {
     /// Cases at a time [default: half the cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     jobs: Option<u16>,
-    /// Write docs/decide.md
-    #[arg(long)]
-    docs: bool,
-    /// Where the files of the cases go
-    #[arg(
-        long,
-        value_name = "DIR",
-        default_value = "target/decide",
-        overrides_with = "folder"
-    )]
-    folder: PathBuf,
+    /// Where the files of the cases go [default: decide in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
 }
 
-/// Runs every effect with each seed.
-///
-/// # Errors
-///
-/// If an effect is not known or the page cannot be written; a case that does not go through is a
-/// row of the table.
-pub fn bench(programs: &Programs, options: &Options) -> Result<(), String> {
-    let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
-    if let Some(other) = options.only.iter().find(|it| !known.contains(&it.as_str())) {
-        return Err(format!(
-            "there is no effect {other}; known are {}",
-            known.join(", ")
-        ));
+impl Options {
+    /// Runs every effect with each seed.
+    ///
+    /// # Errors
+    ///
+    /// If an effect is not known; a case that does not go through is a row of the table.
+    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
+        let folder = self.folder.as_deref().unwrap_or(folder);
+        let known: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
+        if let Some(other) = self.only.iter().find(|it| !known.contains(&it.as_str())) {
+            return Err(format!(
+                "there is no effect {other}; known are {}",
+                known.join(", ")
+            ));
+        }
+        let cases: Vec<(&str, u64)> = known
+            .into_iter()
+            .filter(|kind| self.only.is_empty() || self.only.iter().any(|it| it == kind))
+            .flat_map(|kind| self.seeds.each.iter().map(move |&seed| (kind, seed)))
+            .collect();
+        let case = |&(kind, seed): &(&str, u64)| {
+            let row = Decided::of(&self.programs, kind, seed, folder);
+            eprintln!("{}", row.figures());
+            row
+        };
+        let workers = workers(self.jobs)?;
+        let rows: Vec<Decided> =
+            workers.install(|| cases.par_iter().with_max_len(1).map(case).collect());
+        Ok(figures(&self.seeds.asked, &rows))
     }
-    let cases: Vec<(&str, u64)> = known
-        .into_iter()
-        .filter(|kind| options.only.is_empty() || options.only.iter().any(|it| it == kind))
-        .flat_map(|kind| options.seeds.each.iter().map(move |&seed| (kind, seed)))
-        .collect();
-    let case = |&(kind, seed): &(&str, u64)| {
-        let row = Decided::of(programs, kind, seed, options);
-        println!("{}", row.line());
-        row
-    };
-    let rows: Vec<Decided> =
-        workers(options.jobs)?.install(|| cases.par_iter().with_max_len(1).map(case).collect());
-    println!("\n{}", summary(&rows));
-    if options.docs {
-        let path = root().join("docs/decide.md");
-        fs::write(&path, page(&options.seeds.asked, &rows))
-            .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-        println!("table: docs/decide.md");
-    }
-    Ok(())
 }
 
 /// One actuator.
@@ -107,8 +101,8 @@ struct Answers {
 }
 
 impl Decided {
-    fn of(programs: &Programs, kind: &str, seed: u64, options: &Options) -> Self {
-        let folder = Folder::clear(options.folder.join(format!("{kind}_{seed}")));
+    fn of(programs: &Programs, kind: &str, seed: u64, folder: &Path) -> Self {
+        let folder = Folder::clear(folder.join(format!("{kind}_{seed}")));
         Self {
             kind: kind.into(),
             seed,
@@ -125,37 +119,19 @@ impl Decided {
         Some([&went.first, &went.last].map(|it| Score::of(&self.hidden(), it)))
     }
 
-    /// The cells of the table's row.
-    fn cells(&self) -> Vec<String> {
-        let mut cells = vec![self.kind.replace('_', " "), self.seed.to_string()];
+    fn figures(&self) -> Value {
+        let mut row = json!({ "hidden": self.kind.replace('_', " "), "seed": self.seed });
         match &self.went {
             Ok(went) => {
-                let last = &went.last;
-                let said = if last.effects.is_empty() {
-                    last.sets().collect::<Vec<_>>().join(" / ")
-                } else {
-                    in_words(last.named())
-                };
-                let [first, after] = [&went.first, last].map(|it| Score::of(&self.hidden(), it));
-                cells.extend([
-                    first.words().into(),
-                    went.experiments.to_string(),
-                    after.words().into(),
-                    said,
-                    last.probability()
-                        .map_or("–".into(), |it| format!("{it:.3}")),
-                ]);
+                row["first"] = json!(Score::of(&self.hidden(), &went.first));
+                row["experiments"] = went.experiments.into();
+                row["last"] = json!(Score::of(&self.hidden(), &went.last));
+                row["answer"] = answer(&went.last).into();
+                row["probability"] = went.last.probability().into();
             }
-            Err(why) => {
-                cells.extend(["failed".into(), String::new(), in_a_cell(why)]);
-                cells.extend(std::iter::repeat_n(String::new(), 2));
-            }
+            Err(why) => row["failed"] = why.as_str().into(),
         }
-        cells
-    }
-
-    fn line(&self) -> String {
-        self.cells().join("; ")
+        row
     }
 }
 
@@ -206,23 +182,20 @@ fn answers(programs: &Programs, kind: &str, seed: u64, folder: &Folder) -> Resul
     })
 }
 
-/// How many of the rows are so and so, in a sentence.
-fn summary(rows: &[Decided]) -> String {
+/// The rows, and how many there are of a kind.
+fn figures(seeds: &str, rows: &[Decided]) -> Value {
     let scores: Vec<[Score; 2]> = rows.iter().filter_map(Decided::scores).collect();
-    let count = |when: usize, wanted: &[Score]| {
-        let of = scores.iter().filter(|it| wanted.contains(&it[when]));
-        of.count()
-    };
-    let cases = rows.len();
-    let tell = |when: usize, after: &str| {
-        format!(
-            "After {after}: {} of {cases} named rightly, {} named or in a small answer, {} wrongly. ",
-            count(when, &[Score::Named]),
-            count(when, &[Score::Named, Score::Among]),
-            count(when, &[Score::Wrong]),
-        )
-    };
-    let mut text = tell(0, "one session") + &tell(1, "the experiments");
+    let counts = [0, 1].map(|when| {
+        let count = |wanted: &[Score]| {
+            let of = scores.iter().filter(|it| wanted.contains(&it[when]));
+            of.count()
+        };
+        json!({
+            "named": count(&[Score::Named]), "answered": count(&[Score::Named, Score::Among]),
+            "wrong": count(&[Score::Wrong]),
+        })
+    });
+    let [first, last] = counts;
     let done = || {
         rows.iter()
             .filter_map(|row| Some((row, row.went.as_ref().ok()?)))
@@ -237,39 +210,18 @@ fn summary(rows: &[Decided]) -> String {
         Score::of(&row.hidden(), &went.last) == Score::Wrong
             && went.last.probability().is_some_and(|it| it >= SURE)
     });
-    let _ = write!(
-        text,
-        "Of {open} that one session could not tell, {} were decided. {} were wrong at a stated \
-         probability of {SURE} or more. {} did not go through.",
-        decided.count(),
-        surely_wrong.count(),
-        cases - scores.len()
-    );
-    text
-}
-
-/// The page of the documentation.
-fn page(asked: &str, rows: &[Decided]) -> String {
-    let mut text = format!(
-        "# Do the proposed experiments decide?\n\n\
-         Written by `cargo xtask bench decide --seeds {asked} --docs`.\n\n\
-         For each effect an actuator is drawn that hides it (`virtual-rig serve --hide SEED --effect KIND`).\n\
-         One session of `steps` is recorded and diagnosed. Where that cannot tell, `softrig next` records what it\n\
-         proposes on the same actuator, two runs at most, and diagnoses all of it. Nobody looked at these\n\
-         seeds before. The files of each case are in `target/decide`.\n\n{}\n\n\
-         | hidden | seed | after one session | experiments | after them | answer | stated probability |\n\
-         |---|---:|---|---:|---|---|---:|\n",
-        summary(rows)
-    );
-    for row in rows {
-        let _ = writeln!(text, "| {} |", row.cells().join(" | "));
-    }
-    text
+    json!({
+        "benchmark": "decide", "seeds": seeds, "first": first, "last": last, "open": open,
+        "decided": decided.count(), "surely_wrong": surely_wrong.count(), "sure": SURE,
+        "failed": rows.len() - scores.len(),
+        "cases": rows.iter().map(Decided::figures).collect::<Vec<_>>(),
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pages::render;
 
     const OPEN: &str = r#"{"verdict": "cannot_tell", "alternatives":
         [{"kinds": ["gravity"]}, {"kinds": ["end_stop"]}]}"#;
@@ -306,7 +258,7 @@ mod tests {
             row("leak", &named("leak", 1.0), &named("leak", 1.0), 0),
             failed,
         ];
-        let said = summary(&rows);
+        let said = render(&figures("1..2", &rows)).unwrap();
         assert!(
             said.contains(
                 "After one session: 1 of 5 named rightly, 4 named or in a small answer, 0"
@@ -324,7 +276,7 @@ mod tests {
             "{said}"
         );
         assert!(said.contains("1 did not go through"), "{said}");
-        let page = page("1..2", &rows);
+        let page = said;
         let table: Vec<&str> = page.lines().filter(|line| line.starts_with('|')).collect();
         assert_eq!(table.len(), 7);
         assert!(

@@ -11,24 +11,9 @@ use std::{
 
 use super::{cannot, copy, make, sysroot, write as write_text};
 use crate::{
-    shell::{Outcome, cargo, read},
+    shell::{Outcome, cargo, read, root},
     web,
 };
-
-/// Licences that a static program of ours may contain. The source of what is under the MPL
-/// has to be had; the list says where.
-const ALLOWED: [&str; 10] = [
-    "MIT",
-    "Apache-2.0",
-    "Zlib",
-    "BSD-2-Clause",
-    "BSD-3-Clause",
-    "ISC",
-    "Unlicense",
-    "CC0-1.0",
-    "Unicode-3.0",
-    "MPL-2.0",
-];
 
 /// Libraries in the board's image, and where Debian keeps their licences.
 const OF_THE_IMAGE: [(&str, &str); 2] = [
@@ -83,9 +68,12 @@ pub fn of_page() -> Outcome<String> {
 /// The licences of what is linked into a package of ours.
 fn of(what: &str, package: &str, target: &str) -> Outcome<String> {
     let packages = packages(package, target)?;
-    if let Some(package) = packages.iter().find(|it| !is_allowed(&it.licence)) {
+    let deny = root().join("deny.toml");
+    let deny = fs::read_to_string(&deny).map_err(|error| cannot("read", &deny, &error))?;
+    let is_barred = |it: &&Package| !is_allowed(&it.licence, &allowed(&deny, &it.name));
+    if let Some(package) = packages.iter().find(is_barred) {
         return Err(format!(
-            "{} is under {:?}, which is not in the list of allowed licences in xtask/src/dist/licences.rs",
+            "{} is under {:?}, which deny.toml does not allow it",
             package.name, package.licence
         )
         .into());
@@ -159,13 +147,28 @@ pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
     Ok(())
 }
 
+/// The licences that the text of deny.toml allows a package: those of all packages, and its own exception.
+fn allowed<'a>(deny: &'a str, package: &str) -> Vec<&'a str> {
+    let heads = [
+        "\nallow = [".to_owned(),
+        format!("crate = \"{package}\", allow = ["),
+    ];
+    let lists = heads.iter().filter_map(|head| {
+        let (_, rest) = deny.split_once(head)?;
+        rest.split(']').next()
+    });
+    lists
+        .flat_map(|list| list.split('"').skip(1).step_by(2))
+        .collect()
+}
+
 /// Whether at least one way through an expression like `(MIT OR Apache-2.0) AND Zlib` is
 /// allowed: each part joined by AND has an allowed choice.
-fn is_allowed(expression: &str) -> bool {
+fn is_allowed(expression: &str, allowed: &[&str]) -> bool {
     let plain = expression.replace(['(', ')'], " ").replace('/', " OR ");
     plain.split(" AND ").all(|part| {
         part.split(" OR ")
-            .any(|choice| ALLOWED.contains(&choice.trim()))
+            .any(|choice| allowed.contains(&choice.trim()))
     })
 }
 
@@ -276,7 +279,9 @@ mod tests {
 
     #[test]
     fn a_licence_needs_one_way_through() {
-        for (expression, allowed) in [
+        let deny = fs::read_to_string(root().join("deny.toml")).unwrap();
+        let of_any = allowed(&deny, "any");
+        for (expression, is_fine) in [
             ("MIT", true),
             ("MIT/Apache-2.0", true),
             ("(MIT OR Apache-2.0) AND Unicode-3.0", true),
@@ -286,8 +291,11 @@ mod tests {
             ("MIT AND GPL-3.0-only", false),
             ("licence in its files", false),
         ] {
-            assert_eq!(is_allowed(expression), allowed, "{expression}");
+            assert_eq!(is_allowed(expression, &of_any), is_fine, "{expression}");
         }
+        // An exception is of one package.
+        assert!(!is_allowed("MPL-2.0", &of_any));
+        assert!(is_allowed("MPL-2.0", &allowed(&deny, "serialport")));
     }
 
     #[test]

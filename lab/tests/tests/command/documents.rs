@@ -18,7 +18,10 @@ use super::common::pages::{self, Line, blocks, command_lines, words};
 const NOT_RUN: &[(&str, &str)] = &[
     ("softrig monitor", "a screen, which needs a terminal"),
     ("softrig calibrate", "somebody bends the sensor"),
-    ("softrig flash", "flash_on_the_virtual_rig.rs runs it"),
+    (
+        "softrig flash",
+        "lab/tests/tests/virtual_rig/flash.rs runs it",
+    ),
     ("softrig next", "somebody turns the base; minutes"),
     (
         "softrig commission --port",
@@ -26,7 +29,7 @@ const NOT_RUN: &[(&str, &str)] = &[
     ),
     (
         "softrig commission --virtual",
-        "minutes; commission_on_the_virtual_rig.rs runs it",
+        "minutes; lab/tests/tests/virtual_rig/commission.rs runs it",
     ),
     ("softrig init #", "it asks"),
     (

@@ -1,7 +1,6 @@
 //! `softrig commission` on virtual rigs, healthy and broken: which step finds what.
-#![cfg(unix)]
 
-#[path = "common/schema.rs"]
+#[path = "../../../../host-tools/tests/common/schema.rs"]
 mod schema;
 
 use std::fs;
@@ -9,6 +8,7 @@ use std::io::{BufRead, BufReader, Lines, Write};
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use super::common::program;
 use super::served::{VirtualRig, programs, rig, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -184,7 +184,7 @@ impl Person {
         unlockpt(&keyboard).unwrap();
         let terminal = ptsname(&keyboard, Vec::new()).unwrap();
         let terminal = fs::File::open(terminal.to_str().unwrap()).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_softrig"));
+        let mut command = Command::new(program());
         command.args(["commission", "--port", "port", "--json", "board.json"]);
         for step in steps {
             command.args(["--only", step]);

@@ -1,7 +1,6 @@
-//! Counts replies, and shows the counts to people and to programs.
+//! Counts replies.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use serde::Serialize;
 
@@ -103,10 +102,6 @@ impl Worth {
     pub fn count(&self, grade: Grade) -> usize {
         self.by_grade.get(&grade).copied().unwrap_or(0)
     }
-
-    fn is_empty(&self) -> bool {
-        self.by_grade.is_empty() && self.no_answer == 0
-    }
 }
 
 /// The times of the plain question.
@@ -155,6 +150,17 @@ pub struct WayCounts {
     pub seconds: f64,
 }
 
+/// Cases that were left out of a way for one reason.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// The way.
+    pub way: &'static str,
+    /// The reason.
+    pub why: String,
+    /// The cases.
+    pub cases: Vec<String>,
+}
+
 /// The figures of a set.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figures {
@@ -168,6 +174,8 @@ pub struct Figures {
     pub ways: Vec<(&'static str, Counts)>,
     /// By way, the plain one first.
     pub worth: Vec<(&'static str, Worth)>,
+    /// Which cases were left out of which way.
+    pub left_out: Vec<LeftOut>,
     /// Each case in each way, the plain one included.
     pub rows: Vec<WayCounts>,
 }
@@ -207,6 +215,18 @@ impl Figures {
                 seconds: asked.seconds,
             }
         });
+        let mut left_out: BTreeMap<_, Vec<String>> = BTreeMap::new();
+        for (case, way, asked) in all() {
+            if let Reply::LeftOut(why) = &asked.reply {
+                let cases = left_out.entry((way.name(), why)).or_default();
+                cases.push(case.name.clone());
+            }
+        }
+        let left_out = left_out.into_iter().map(|((way, why), cases)| LeftOut {
+            way,
+            why: why.clone(),
+            cases,
+        });
         Self {
             set: set.name.clone(),
             cases: cases.len(),
@@ -216,155 +236,10 @@ impl Figures {
                 .map(|&way| (way.name(), Counts::of(cases, way)))
                 .collect(),
             worth: worth.collect(),
+            left_out: left_out.collect(),
             rows: rows.collect(),
         }
     }
-
-    /// The figures as text: the tables are those of Markdown.
-    pub fn text(&self) -> String {
-        let mut text = format!("## {}, {} cases\n\n{}", self.set, self.cases, self.table());
-        if self.worth.iter().any(|(_, worth)| !worth.is_empty()) {
-            text += &format!("\nBeside what is known:\n\n{}", self.worth_table());
-        }
-        if let Some(times) = &self.times {
-            let _ = writeln!(
-                text,
-                "\nTime of the plain question: {:.1} s in the median, {:.1} s at most ({}).",
-                times.median_s, times.worst_s, times.worst
-            );
-        }
-        text += &self.left_out();
-        text += &self.different();
-        text
-    }
-
-    fn table(&self) -> String {
-        let mut head = vec!["way"];
-        head.extend(Likeness::ALL.map(Likeness::name));
-        head.extend(["no answer", "of", "left out", "refit ≠ 1 %"]);
-        let rows = self.ways.iter().map(|(way, counts)| {
-            let mut row = vec![(*way).to_owned()];
-            row.extend(Likeness::ALL.map(|it| counts.count(it).to_string()));
-            let rest = [
-                counts.no_answer,
-                counts.of,
-                counts.left_out,
-                counts.other_refit,
-            ];
-            row.extend(rest.map(|count| count.to_string()));
-            row
-        });
-        table(&head, rows)
-    }
-
-    fn worth_table(&self) -> String {
-        let head = [
-            "way",
-            "named",
-            "hedged",
-            "wrong",
-            "wrong for a part",
-            "silent",
-            "of",
-            "controls named",
-            "of",
-            "no answer",
-        ];
-        let rows = self.worth.iter().map(|(way, worth)| {
-            let grades = [
-                Grade::Named,
-                Grade::Hedged,
-                Grade::Wrong,
-                Grade::WrongForAPart,
-                Grade::Silent,
-            ]
-            .map(|grade| worth.count(grade));
-            let [named, quiet] =
-                [Grade::ControlNamed, Grade::ControlQuiet].map(|grade| worth.count(grade));
-            let mut row = vec![(*way).to_owned()];
-            row.extend(grades.map(|count| count.to_string()));
-            let rest = [grades.iter().sum(), named, named + quiet, worth.no_answer];
-            row.extend(rest.map(|count: usize| count.to_string()));
-            row
-        });
-        table(&head, rows)
-    }
-
-    /// Which cases were left out of which way, and why.
-    fn left_out(&self) -> String {
-        let mut reasons: BTreeMap<(&str, &str), Vec<&str>> = BTreeMap::new();
-        for row in &self.rows {
-            if let Some(why) = row.after.strip_prefix("left out (") {
-                let why = why.strip_suffix(')').unwrap_or(why);
-                reasons.entry((row.way, why)).or_default().push(&row.case);
-            }
-        }
-        if reasons.is_empty() {
-            return String::new();
-        }
-        let lines = reasons
-            .iter()
-            .map(|((way, why), cases)| format!("  {way}: {why}: {}\n", cases.join(", ")));
-        format!("\nLeft out:\n{}", lines.collect::<String>())
-    }
-
-    /// The cases with another answer, by way.
-    fn different(&self) -> String {
-        let mut lines = String::new();
-        for (way, _) in &self.ways {
-            for row in self.rows.iter().filter(|row| row.way == *way) {
-                if row.likeness == Some(Likeness::Same) || row.after.starts_with("left out (") {
-                    continue;
-                }
-                let likeness = row.likeness.map_or("no answer", Likeness::name);
-                let ratio = row
-                    .refit_ratio
-                    .map_or_else(String::new, |ratio| format!(", refit error × {ratio:.3}"));
-                let _ = writeln!(
-                    lines,
-                    "  {way}: {}: {} → {}: {likeness}{ratio}",
-                    row.case, row.before, row.after
-                );
-            }
-        }
-        if lines.is_empty() {
-            return String::new();
-        }
-        format!("\nOther answers, before → after:\n{lines}")
-    }
-}
-
-/// A table of Markdown whose columns stand below each other.
-fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
-    let rows: Vec<Vec<String>> = rows.collect();
-    let width = |column: usize| {
-        let cells = rows.iter().filter_map(|row| row.get(column));
-        let longest = cells.map(|cell| cell.chars().count()).max().unwrap_or(0);
-        longest.max(head[column].chars().count())
-    };
-    let widths: Vec<usize> = (0..head.len()).map(width).collect();
-    let line = |cells: &[String]| {
-        let mut line = String::from("|");
-        for (column, (cell, width)) in cells.iter().zip(&widths).enumerate() {
-            let _ = if column == 0 {
-                write!(line, " {cell:<width$} |")
-            } else {
-                write!(line, " {cell:>width$} |")
-            };
-        }
-        line + "\n"
-    };
-    let head: Vec<String> = head.iter().map(|&cell| cell.to_owned()).collect();
-    let mut text = line(&head);
-    text.push('|');
-    for (column, width) in widths.iter().enumerate() {
-        // A colon at its end puts the numbers to the right.
-        let end = if column == 0 { '-' } else { ':' };
-        text += &format!("{}{end}|", "-".repeat(width + 1));
-    }
-    text.push('\n');
-    text.extend(rows.iter().map(|row| line(row)));
-    text
 }
 
 /// Limits: at least this share of the cases gets the same answer, at most this share a
@@ -434,6 +309,7 @@ mod tests {
     use super::*;
     use crate::invariance::answer::Answer;
     use crate::invariance::known::Known;
+    use crate::pages::{for_terminal, render};
     use serde_json::json;
 
     fn asked(kind: &str, refit_deg: f64, seconds: f64) -> Asked {
@@ -513,7 +389,8 @@ mod tests {
 
     #[test]
     fn the_text_has_every_way_and_every_other_answer() {
-        let text = figures().text();
+        let figures = json!({ "benchmark": "invariance", "sets": [figures()] });
+        let text = for_terminal(&render(&figures).unwrap());
         for part in [
             "| seed  |    1 |",
             "  seed: b: gravity → leak: contradicting, refit error × 1.000\n",
@@ -524,13 +401,9 @@ mod tests {
             assert!(text.contains(part), "{part:?} not in\n{text}");
         }
         assert!(!text.contains("seed: a"), "{text}");
-        let widths = |table: &str| -> Vec<usize> {
-            let lines = table.lines().filter(|line| line.starts_with('|'));
-            lines.map(|line| line.chars().count()).collect()
-        };
-        let widths = widths(&figures().table());
-        assert_eq!(widths.len(), 4);
-        assert!(widths.iter().all(|width| *width == widths[0]), "{widths:?}");
+        let lines = text.lines().filter(|line| line.starts_with('|'));
+        let widths: Vec<usize> = lines.take(4).map(|line| line.chars().count()).collect();
+        assert_eq!(widths, [widths[0]; 4]);
     }
 
     #[test]

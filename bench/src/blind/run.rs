@@ -1,29 +1,28 @@
-//! The blind benchmark; `cargo xtask bench blind` builds and runs it.
+//! The three phases, one after another.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
-use clap::{Parser, ValueEnum};
-use softrig_bench::blind::answer::{Answer, Collection, Plans};
-use softrig_bench::blind::cases::stable_hash;
-use softrig_bench::blind::draw::draw;
-use softrig_bench::blind::experiments::Set;
-use softrig_bench::blind::gate::Gate;
-use softrig_bench::blind::law::kinds;
-use softrig_bench::blind::page::page;
-use softrig_bench::blind::picture::picture;
-use softrig_bench::blind::score::{Scored, score};
-use softrig_bench::blind::verdicts::{diagnose_all, tool_hash};
-use softrig_bench::blind::{GENERATOR, tables};
+use clap::{Args, ValueEnum};
+use serde_json::Value;
 use softrig_formats::error::{InputError, write_atomically};
+
+use super::GENERATOR;
+use super::answer::{Answer, Collection, Plans};
+use super::cases::stable_hash;
+use super::draw::draw;
+use super::experiments::Set;
+use super::gate::Gate;
+use super::law::kinds;
+use super::score::score;
+use super::tables;
+use super::verdicts::{diagnose_all, tool_hash};
 
 /// How often does the diagnosis name what is missing?
 ///
 /// Draws truths with a simulator of its own, hides the answers, diagnoses, and
 /// counts. Interrupting loses nothing: the same command goes on.
-#[derive(Debug, Parser)]
-#[command(name = "cargo xtask bench blind")]
-struct Args {
+#[derive(Args, Debug)]
+pub struct Options {
     /// Cases in each set
     #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
     cases: u32,
@@ -42,12 +41,9 @@ struct Args {
     /// A few cases, held against bench/blind_gate.toml
     #[arg(long, conflicts_with_all = ["cases", "set", "seed", "kinds", "docs"])]
     fast: bool,
-    /// Write docs/blind.md and its pictures
+    /// Where cases, answers and verdicts go [default: blind in the folder that cargo builds into]
     #[arg(long)]
-    docs: bool,
-    /// Where cases, answers and verdicts go
-    #[arg(long, default_value = "target/blind", overrides_with = "folder")]
-    folder: PathBuf,
+    folder: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -58,16 +54,6 @@ enum Which {
     Both,
     /// Whole sessions, as on a bench
     Bench,
-}
-
-fn main() -> ExitCode {
-    match run(&Args::parse()) {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("blind: {error}");
-            ExitCode::FAILURE
-        }
-    }
 }
 
 impl Which {
@@ -88,97 +74,65 @@ struct Bench {
     folder: PathBuf,
 }
 
-fn run(args: &Args) -> Result<ExitCode, InputError> {
-    let gate = args.fast.then(Gate::committed).transpose()?;
-    for kind in &args.kinds {
-        if !kinds().contains(&kind.as_str()) {
-            return Err(InputError::new(
-                format!("there is no kind {kind}"),
-                "use names of the catalogue of effects",
-            ));
-        }
+impl Options {
+    /// Draws, diagnoses and counts.
+    ///
+    /// # Errors
+    ///
+    /// If a kind is not known, or a file cannot be read or written.
+    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
+        self.figures(self.folder.as_deref().unwrap_or(folder))
+            .map_err(|error| error.to_string())
     }
-    let (cases, seed) = gate
-        .as_ref()
-        .map_or((args.cases, args.seed), |gate| (gate.cases, gate.seed));
-    let plans = args.set.collections().iter();
-    let bench = Bench {
-        plans: plans
-            .map(|&set| Plans::of(set, cases, &args.kinds, seed))
-            .collect(),
-        seed,
-        folder: args.folder.join(folder_name(args, cases, seed)),
-    };
-    let tool = tool_hash();
-    let verdicts = bench.folder.join(format!("verdicts_{tool}"));
-    println!("blind: {}", bench.folder.display());
 
-    bench.draw()?;
-    let names: Vec<String> = bench.plans.iter().flat_map(Plans::names).collect();
-    diagnose_all(&bench.folder.join("cases"), &verdicts, &names, args.jobs)?;
+    fn figures(&self, folder: &Path) -> Result<Value, InputError> {
+        let gate = self.fast.then(Gate::committed).transpose()?;
+        for kind in &self.kinds {
+            if !kinds().contains(&kind.as_str()) {
+                return Err(InputError::new(
+                    format!("there is no kind {kind}"),
+                    "use names of the catalogue of effects",
+                ));
+            }
+        }
+        let (cases, seed) = gate
+            .as_ref()
+            .map_or((self.cases, self.seed), |gate| (gate.cases, gate.seed));
+        let plans = self.set.collections().iter();
+        let bench = Bench {
+            plans: plans
+                .map(|&set| Plans::of(set, cases, &self.kinds, seed))
+                .collect(),
+            seed,
+            folder: folder.join(folder_name(self, cases, seed)),
+        };
+        let tool = tool_hash();
+        let verdicts = bench.folder.join(format!("verdicts_{tool}"));
+        eprintln!("blind: {}", bench.folder.display());
 
-    let answers = bench.answers(&names)?;
-    eprintln!("scoring; the first time, refits of an oracle take a second or two a case");
-    let scored = score(&answers, &verdicts, &bench.sealed());
-    let text = tables::terminal(&scored);
-    print!("{text}");
-    write(&verdicts.join("score.txt"), &text)?;
-    write(&verdicts.join("cases.csv"), &tables::csv(&scored))?;
-    write_pages(args, &scored, &verdicts, &tool)?;
-    println!("\nevery case: {}", verdicts.join("cases.csv").display());
-    if let Some(gate) = gate {
-        let failures = gate.check(&scored);
-        for failure in &failures {
-            eprintln!("blind gate: {failure}");
-        }
-        if !failures.is_empty() {
-            return Ok(ExitCode::FAILURE);
-        }
-        println!("blind gate: passed");
+        bench.draw()?;
+        let names: Vec<String> = bench.plans.iter().flat_map(Plans::names).collect();
+        diagnose_all(&bench.folder.join("cases"), &verdicts, &names, self.jobs)?;
+
+        let answers = bench.answers(&names)?;
+        eprintln!("scoring; the first time, refits of an oracle take a second or two a case");
+        let scored = score(&answers, &verdicts, &bench.sealed());
+        let mut figures = tables::figures(&scored);
+        figures["command"] = format!("cargo xtask bench blind {}", arguments(self)).into();
+        figures["tool"] = tool.into();
+        let missed = gate.map_or_else(Vec::new, |gate| gate.check(&scored));
+        figures["missed"] = missed.into();
+        Ok(figures)
     }
-    Ok(ExitCode::SUCCESS)
 }
 
 fn write(path: &Path, text: &str) -> Result<(), InputError> {
     write_atomically(path, text.as_bytes())
 }
 
-/// Writes the page and the pictures beside the verdicts, and with `--docs` into the
-/// documentation.
-fn write_pages(
-    args: &Args,
-    scored: &[Scored],
-    verdicts: &Path,
-    tool: &str,
-) -> Result<(), InputError> {
-    let docs = softrig_tests::process::root().join("docs");
-    let command = format!("cargo xtask bench blind {}", arguments(args));
-    write(
-        &verdicts.join("blind.md"),
-        &page("", scored, command.trim(), tool),
-    )?;
-    if args.docs {
-        let path = docs.join("blind.md");
-        let before = std::fs::read_to_string(&path).unwrap_or_default();
-        write(&path, &page(&before, scored, command.trim(), tool))?;
-    }
-    for collection in args.set.collections() {
-        let Collection::Runs(set) = *collection else {
-            continue;
-        };
-        let picture = picture(set, scored);
-        let file = format!("blind_{}.svg", set.name());
-        write(&verdicts.join(&file), &picture)?;
-        if args.docs {
-            write(&docs.join("images").join(&file), &picture)?;
-        }
-    }
-    Ok(())
-}
-
 /// Cases of another generator are other cases, and runs are others where there are
 /// more of them; sessions of a seed share a folder.
-fn folder_name(args: &Args, cases: u32, seed: u64) -> String {
+fn folder_name(args: &Options, cases: u32, seed: u64) -> String {
     let mut name = match args.set {
         Which::Bench => format!("bench_seed{seed}"),
         _ => format!("seed{seed}_{cases}"),
@@ -191,7 +145,7 @@ fn folder_name(args: &Args, cases: u32, seed: u64) -> String {
 }
 
 /// The options as they would be typed, without those that change no figure.
-fn arguments(args: &Args) -> String {
+fn arguments(args: &Options) -> String {
     let set = match args.set {
         Which::Rich => "rich",
         Which::Paper => "paper",

@@ -1,4 +1,4 @@
-//! How a diagnosis grows with the number of recordings; `cargo xtask bench many` runs it.
+//! How a diagnosis grows with the number of recordings.
 //!
 //! A lab that has measured for a year has a thousand runs of one rig. What one diagnosis of
 //! all of them takes must grow with their number and not with its square. The recordings
@@ -7,31 +7,26 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-use clap::Parser;
+use clap::Args;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg32;
-use softrig_formats::error::write_atomically;
-use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
-use softrig_tests::process::root;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
-/// Diagnoses more and more recordings of 10 s and times each diagnosis.
-#[derive(Debug, Parser)]
-#[command(name = "cargo xtask bench many")]
-struct Args {
+/// Diagnoses more and more recordings of 10 s and times each diagnosis
+#[derive(Args, Debug)]
+pub struct Options {
     /// The program `softrig`
     #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
-    /// Where the recordings go
-    #[arg(long, value_name = "DIR", overrides_with = "folder")]
-    folder: PathBuf,
-    /// Draw docs/images/many_recordings.svg: seconds and memory over the number of recordings
-    #[arg(long)]
-    docs: bool,
+    /// Where the recordings go [default: bench/many in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
 }
 
 const COUNTS: [usize; 6] = [10, 50, 100, 200, 500, 1000];
@@ -51,50 +46,32 @@ const BRANCH_STIFFNESS: f64 = 0.04;
 const RELAXATION_S: f64 = 1.5;
 
 /// One diagnosis.
-struct Measured {
-    recordings: usize,
-    seconds: f64,
+#[derive(Debug, Deserialize, Serialize)]
+pub(crate) struct Measured {
+    pub recordings: usize,
+    pub seconds: f64,
     /// Most memory in use; unknown where the system does not tell.
-    megabytes: Option<f64>,
+    pub megabytes: Option<f64>,
 }
 
-fn main() -> ExitCode {
-    match measure(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(problem) => {
-            eprintln!("error: {problem}");
-            ExitCode::FAILURE
+impl Options {
+    /// Diagnoses so many and so many recordings.
+    ///
+    /// # Errors
+    ///
+    /// If they cannot be written, or a diagnosis fails.
+    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
+        let folder = self.folder.as_deref().unwrap_or(folder);
+        let model = folder.join("model.toml");
+        let recordings = make(folder, &model)
+            .map_err(|error| format!("cannot write to {}: {error}", folder.display()))?;
+        let mut diagnoses = Vec::new();
+        for count in COUNTS {
+            eprintln!("{count} recordings");
+            diagnoses.push(diagnose(&self.rig, &model, &recordings[..count])?);
         }
+        Ok(json!({ "benchmark": "many", "diagnoses": diagnoses }))
     }
-}
-
-fn measure(args: &Args) -> Result<(), String> {
-    let model = args.folder.join("model.toml");
-    let recordings = make(&args.folder, &model)
-        .map_err(|error| format!("cannot write to {}: {error}", args.folder.display()))?;
-    println!(
-        "{:>12}{:>10}{:>16}{:>10}",
-        "recordings", "s", "ms a recording", "MB"
-    );
-    let mut found = Vec::new();
-    for count in COUNTS {
-        let measured = diagnose(&args.rig, &model, &recordings[..count])?;
-        let memory = measured
-            .megabytes
-            .map_or_else(|| "unknown".into(), |it| format!("{it:.0}"));
-        println!(
-            "{count:>12}{:>10.1}{:>16.1}{memory:>10}",
-            measured.seconds,
-            1e3 * measured.seconds / count as f64
-        );
-        found.push(measured);
-    }
-    if args.docs {
-        let path = root().join("docs/images/many_recordings.svg");
-        let svg = to_svg_string(&figure(&found));
-        write_atomically(&path, svg.as_bytes()).map_err(|error| error.to_string())?;
-    }
-    Ok(())
 }
 
 fn make(folder: &Path, model: &Path) -> std::io::Result<Vec<PathBuf>> {
@@ -194,29 +171,4 @@ fn most_memory(process: u32) -> Option<f64> {
         .find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kilobytes: f64 = line.split_whitespace().next()?.parse().ok()?;
     Some(kilobytes / 1e3)
-}
-
-fn figure(found: &[Measured]) -> Figure {
-    let recordings: Vec<f64> = found.iter().map(|it| it.recordings as f64).collect();
-    let seconds: Vec<f64> = found.iter().map(|it| it.seconds).collect();
-    let megabytes: Vec<f64> = found
-        .iter()
-        .map(|it| it.megabytes.unwrap_or(f64::NAN))
-        .collect();
-    let panel = |label: &str, values: &[f64]| {
-        let highest = values
-            .iter()
-            .copied()
-            .filter(|it| it.is_finite())
-            .fold(0.0, f64::max);
-        Panel::new("recordings of 10 s at 100 Hz", label)
-            .with_series(Series::new("", &recordings, values, Style::EMPHASIS))
-            .with_y_range(0.0, 1.1 * highest.max(1.0))
-    };
-    Figure::new("One diagnosis of many recordings")
-        .with_subtitle(
-            "Each is a session of its own; two cores. Drawn by cargo xtask bench many --docs.",
-        )
-        .with_panel(panel("time (s)", &seconds))
-        .with_panel(panel("memory (MB)", &megabytes))
 }

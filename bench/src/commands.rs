@@ -1,33 +1,29 @@
-//! How long each command of `softrig` takes on the recordings of an example; `cargo xtask bench commands`
-//! runs it.
+//! How long each command of `softrig` takes on the recordings of an example.
 //!
 //! A machine that others use too is slower at times and never faster, so that the best of several
 //! runs is shown, beside the processor time, which others hardly change.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::Command;
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-use clap::Parser;
-use softrig_bench::pages::put_section;
-use softrig_bench::real::children_cpu;
+use clap::Args;
+use serde::Serialize;
+use serde_json::{Value, json};
 use softrig_tests::process::succeed;
 
-/// Times each command of `softrig` on the recordings of an example.
-#[derive(Debug, Parser)]
-#[command(name = "cargo xtask bench commands")]
-struct Args {
+use crate::processor::{self, Of};
+
+/// Times each command of `softrig` on the recordings of an example
+#[derive(Args, Debug)]
+pub struct Options {
     /// The program to time
     #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
     rig: PathBuf,
-    /// Where the example goes
-    #[arg(long, value_name = "DIR", overrides_with = "folder")]
-    folder: PathBuf,
-    /// Write the table into docs/benchmarks.md
-    #[arg(long)]
-    docs: bool,
+    /// Where the example goes [default: bench/commands in the folder that cargo builds into]
+    #[arg(long, value_name = "DIR")]
+    folder: Option<PathBuf>,
 }
 
 /// The example; its recordings are steps to three angles, three times each, a staircase and a triangle.
@@ -93,7 +89,9 @@ const LEFT_OUT: &[(&str, &str)] = &[
     ("help", ""),
 ];
 
-/// Cases of the batch.
+/// The manifest of the batch.
+const CASES_FILE: &str = "cases.csv";
+/// Its cases.
 const CASES: usize = 8;
 /// How often a line is run: at least so often, and on until this much time has gone.
 const RUNS: u32 = 3;
@@ -102,47 +100,46 @@ const MOST: u32 = 20;
 /// How long one run may take.
 const LIMIT: Duration = Duration::from_secs(600);
 
-fn main() -> ExitCode {
-    match measure(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(problem) => {
-            eprintln!("commands: {problem}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-/// One line with its best time (s), and the mean of its processor time (s) where the system says it.
+/// One line.
+#[derive(Serialize)]
 struct Timed {
     line: &'static str,
+    /// The best time (s).
     seconds: f64,
-    cpu: Option<f64>,
+    /// The mean of its processor time (s), where the system says it.
+    cpu_seconds: Option<f64>,
     runs: u32,
 }
 
-fn measure(args: &Args) -> Result<(), String> {
-    let rig = fs::canonicalize(&args.rig)
-        .map_err(|error| format!("cannot run {}: {error}", args.rig.display()))?;
-    let bench = Bench::make(&rig, &args.folder)?;
-    bench.every_command_has_a_line()?;
-    let load = load();
-    println!("{:>8} {:>8} {:>5}  line", "s", "CPU s", "runs");
-    let mut found = Vec::new();
-    for line in LINES {
-        let timed = bench.time(line)?;
-        println!(
-            "{:>8.3} {:>8.3} {:>5}  rig {}",
-            timed.seconds,
-            timed.cpu.unwrap_or(f64::NAN),
-            timed.runs,
-            timed.line
-        );
-        found.push(timed);
+impl Options {
+    /// Times every line.
+    ///
+    /// # Errors
+    ///
+    /// If a line fails, or a command has none.
+    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
+        let rig = fs::canonicalize(&self.rig)
+            .map_err(|error| format!("cannot run {}: {error}", self.rig.display()))?;
+        let folder = self.folder.as_deref().unwrap_or(folder);
+        let bench = Bench::make(&rig, folder)?;
+        bench.every_command_has_a_line()?;
+        let machine = machine();
+        let mut lines = Vec::new();
+        for line in LINES {
+            eprintln!("softrig {line}");
+            lines.push(bench.time(line)?);
+        }
+        Ok(figures(&machine, &lines))
     }
-    if args.docs {
-        put_section("benchmarks.md", "commands", &section(&found, &load))?;
-    }
-    Ok(())
+}
+
+fn figures(machine: &Value, lines: &[Timed]) -> Value {
+    let left_out = LEFT_OUT.iter().filter(|(_, why)| !why.is_empty());
+    let left_out = left_out.map(|(command, why)| json!({ "command": command, "why": why }));
+    json!({
+        "benchmark": "commands", "machine": machine, "runs": [RUNS, MOST], "lines": lines,
+        "left_out": left_out.collect::<Vec<_>>(),
+    })
 }
 
 struct Bench<'a> {
@@ -156,6 +153,10 @@ impl<'a> Bench<'a> {
     fn make(rig: &'a Path, folder: &'a Path) -> Result<Self, String> {
         let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
         if folder.exists() {
+            // Nothing is removed that was not made here.
+            if !folder.join(CASES_FILE).exists() {
+                return Err(format!("{}: choose a new folder", folder.display()));
+            }
             fs::remove_dir_all(folder).map_err(failed)?;
         }
         fs::create_dir_all(folder).map_err(failed)?;
@@ -165,6 +166,7 @@ impl<'a> Bench<'a> {
             steps: Vec::new(),
             all: Vec::new(),
         };
+        fs::write(folder.join(CASES_FILE), "").map_err(failed)?;
         bench.run(EXAMPLE)?;
         for entry in fs::read_dir(folder.join("demo/recordings")).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
@@ -184,7 +186,7 @@ impl<'a> Bench<'a> {
             format!("case_{case},demo/model.toml,{run}\n")
         });
         let manifest = format!("case,model,recordings\n{}", rows.collect::<String>());
-        fs::write(folder.join("cases.csv"), manifest).map_err(failed)?;
+        fs::write(folder.join(CASES_FILE), manifest).map_err(failed)?;
         Ok(bench)
     }
 
@@ -205,7 +207,7 @@ impl<'a> Bench<'a> {
 
     fn time(&self, line: &'static str) -> Result<Timed, String> {
         let began = Instant::now();
-        let before = children_cpu();
+        let before = processor::seconds(Of::Children);
         let (mut best, mut runs) = (f64::INFINITY, 0);
         while runs < RUNS || (began.elapsed() < ENOUGH && runs < MOST) {
             let new = self.folder.join(NEW);
@@ -216,11 +218,11 @@ impl<'a> Bench<'a> {
             best = best.min(clock.elapsed().as_secs_f64());
             runs += 1;
         }
-        let cpu = children_cpu().zip(before);
+        let cpu = processor::seconds(Of::Children).zip(before);
         Ok(Timed {
             line,
             seconds: best,
-            cpu: cpu.map(|(after, before)| (after - before) / f64::from(runs)),
+            cpu_seconds: cpu.map(|(after, before)| (after - before) / f64::from(runs)),
             runs,
         })
     }
@@ -248,62 +250,54 @@ impl<'a> Bench<'a> {
         if forgotten.is_empty() {
             return Ok(());
         }
-        Err(format!("no line for: rig {}", forgotten.join(", rig ")))
+        Err(format!(
+            "no line for: softrig {}",
+            forgotten.join(", softrig ")
+        ))
     }
 }
 
-/// What stands in the page.
-fn section(found: &[Timed], load: &str) -> String {
-    let mut text = format!(
-        "{}{load}. The best of {RUNS} to {MOST} runs each, and the mean of their processor time.\n\n\
-         | command | s | CPU s |\n|---|---:|---:|\n",
-        machine()
-    );
-    for timed in found {
-        let shown = timed
-            .line
-            .replace("demo/recordings/", "")
-            .replace("new/", "");
-        // A string takes whatever is written to it.
-        let _ = writeln!(
-            text,
-            "| `softrig {shown}` | {} | {} |",
-            shown_seconds(timed.seconds),
-            timed.cpu.map_or("–".into(), shown_seconds)
-        );
-    }
-    text += "\nNot in the table: ";
-    let reasons = LEFT_OUT.iter().filter(|(_, why)| !why.is_empty());
-    let reasons: Vec<String> = reasons
-        .map(|(command, why)| format!("`softrig {command}` ({why})"))
-        .collect();
-    text + &reasons.join(", ") + "."
-}
-
-/// Seconds with the digits that mean something on a busy machine.
-fn shown_seconds(seconds: f64) -> String {
-    match seconds {
-        0.0..0.1 => format!("{seconds:.3}"),
-        0.1..10.0 => format!("{seconds:.2}"),
-        _ => format!("{seconds:.1}"),
-    }
-}
-
-/// How many processes wanted a processor in the last minute, where the system says it.
-fn load() -> String {
-    let text = fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    text.split(' ').next().map_or_else(String::new, |load| {
-        format!(", used by others too: {load} processes wanted them when this began")
+/// The processors of this machine with their name, and how many processes wanted one in the last minute, where the
+/// system says it.
+fn machine() -> Value {
+    let text = |path| fs::read_to_string(path).unwrap_or_default();
+    let processors = text("/proc/cpuinfo");
+    let processor = processors
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    json!({
+        "cores": thread::available_parallelism().map_or(1, usize::from),
+        "processor": processor.map_or("an unknown processor", |(_, name)| name),
+        "load": text("/proc/loadavg").split_once(' ').map(|(load, _)| load),
     })
 }
 
-/// The processors of this machine, by their name where the system says it.
-fn machine() -> String {
-    let text = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = text
-        .lines()
-        .find_map(|line| line.strip_prefix("model name")?.split_once(": "))
-        .map_or("an unknown processor", |(_, name)| name);
-    let count = thread::available_parallelism().map_or(1, usize::from);
-    format!("{count} cores of {model}")
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pages::render;
+
+    #[test]
+    fn every_line_is_a_row() {
+        let of = |line, seconds, cpu_seconds| Timed {
+            line,
+            seconds,
+            cpu_seconds,
+            runs: 3,
+        };
+        let machine = json!({ "cores": 2, "processor": "AMD EPYC", "load": "1.50" });
+        let lines = [
+            of(LINES[1], 0.0123, Some(0.1234)),
+            of(LINES[5], 12.34, None),
+        ];
+        let text = render(&figures(&machine, &lines)).unwrap();
+        for part in [
+            "\n2 cores of AMD EPYC, used by others too: 1.50 processes wanted them when this began. The best of 3 to 20 runs",
+            "\n| `softrig init --recording step60_1.csv --dry-run` | 0.012 | 0.12 |\n",
+            "_1.csv -o out.csv` | 12.3 | – |\n\nNot in the table: `softrig monitor` (a board), ",
+            "`softrig next` (a board; a plan and a diagnosis for each run).\n",
+        ] {
+            assert!(text.contains(part), "{part:?} not in\n{text}");
+        }
+    }
 }

@@ -2,7 +2,6 @@
 //!
 //! `cargo xtask test` builds the image and the simulator and says where they are. Without them
 //! there is nothing to test, and the tests say so.
-#![allow(dead_code)] // Each test program uses its part.
 
 use std::env;
 use std::io::{BufRead, BufReader, Lines, Write};
@@ -11,6 +10,8 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
+
+use super::common::program;
 
 const IMAGE: &str = "SOFTRIG_FIRMWARE";
 const SIMULATOR: &str = "SOFTRIG_VIRTUAL_RIG";
@@ -34,7 +35,7 @@ pub fn programs() -> Option<(PathBuf, PathBuf)> {
 
 /// `softrig` in a folder, to its end.
 pub fn rig(folder: &TempDir, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_softrig"))
+    Command::new(program())
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())

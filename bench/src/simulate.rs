@@ -2,19 +2,17 @@
 //!
 //! `cargo xtask bench` runs this beside SciPy on the same two problems: a step
 //! to 60° under constant pressure, and a run under a recorded, noisy pressure.
-//! It writes JSON to standard output: the problem to the last number, the
-//! seconds a simulation took, and the solution.
+//! Its JSON has the problem to the last number, the seconds a simulation took, and
+//! the solution.
 
-use std::{
-    io,
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use serde::Serialize;
+use serde_json::{Value, json};
 use softrig::sim::dual::Dual;
 use softrig::sim::simulate::{InitialState, Signal, Trajectory, run, substeps};
 
@@ -52,8 +50,13 @@ struct Problem {
     angle_rad: Vec<f64>,
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let model = Model::<f64>::new(DYNAMICS, &[])?;
+/// Times both problems.
+///
+/// # Errors
+///
+/// If the model is none.
+pub fn measure() -> Result<Value, String> {
+    let model = Model::<f64>::new(DYNAMICS, &[]).map_err(|error| error.to_string())?;
     let hold = model.holding_pressure(60_f64.to_radians());
     let time: Vec<f64> = (0..SAMPLES).map(|k| k as f64 / RATE_HZ).collect();
     let mut random = Pcg32::seed_from_u64(SEED);
@@ -65,20 +68,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect();
     let problems = [
-        measure(
+        problem(
             "constant pressure",
             true,
             &model,
             &time,
             vec![hold; SAMPLES],
         ),
-        measure("recorded pressure", false, &model, &time, recorded),
+        problem("recorded pressure", false, &model, &time, recorded),
     ];
-    serde_json::to_writer(io::stdout().lock(), &problems)?;
-    Ok(())
+    Ok(json!({ "benchmark": "simulate", "problems": problems }))
 }
 
-fn measure(
+fn problem(
     name: &'static str,
     pressure_is_constant: bool,
     model: &Model<f64>,

@@ -2,7 +2,7 @@
 //! they stand on, and prints the tables of `docs/power.md`.
 //!
 //! ```text
-//! cargo run --release -p model-core --example power_error
+//! cargo run --release -p softrig-bench --example power_error
 //! ```
 //!
 //! Everything is compared with the platform's `f64` functions, in absolute

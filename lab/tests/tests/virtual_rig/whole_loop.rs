@@ -1,7 +1,6 @@
 //! The loop on the virtual rig, against the truth: upload, record, diagnose.
 //!
 //! The tests look at one recording, of the actuator that `cargo xtask demo` draws.
-#![cfg(unix)]
 
 use std::{fs, sync::OnceLock};
 

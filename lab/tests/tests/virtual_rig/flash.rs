@@ -1,10 +1,10 @@
 //! `softrig flash` against the bootloader of the virtual rig.
-#![cfg(unix)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use super::common::program;
 use super::served::{PORT, VirtualRig, programs};
 
 /// The image in Intel's format; none where none was built.
@@ -31,7 +31,7 @@ fn said(output: &Output) -> String {
 
 /// The checksum that the build wrote into a file, as four digits.
 fn checksum(image: &Path) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_softrig"))
+    let output = Command::new(program())
         .args(["flash", "--dry-run", "--port", "none"])
         .arg(image)
         .output()
@@ -111,7 +111,7 @@ fn what_is_no_image_is_refused_and_nothing_is_opened() {
     let folder = tempfile::tempdir().unwrap();
     let other = folder.path().join("blink.hex");
     fs::write(&other, ":0400000001020304F2\n:00000001FF\n").unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_softrig"))
+    let output = Command::new(program())
         .args(["flash", "--port", "/dev/no-such-port"])
         .arg(&other)
         .output()
@@ -129,7 +129,7 @@ fn a_port_that_is_not_there_is_a_wrong_argument() {
     let Some(image) = image() else {
         return;
     };
-    let output = Command::new(env!("CARGO_BIN_EXE_softrig"))
+    let output = Command::new(program())
         .args(["flash", "--port", "/dev/no-such-port"])
         .arg(image)
         .output()

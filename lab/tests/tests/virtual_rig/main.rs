@@ -1,0 +1,11 @@
+//! The command on the virtual rig: commissioning, flashing and the whole loop. In a program of its own: others would take
+//! the processor from the board.
+#![cfg(unix)]
+
+mod commission;
+#[path = "../../../../host-tools/tests/common/mod.rs"]
+#[allow(dead_code)] // The tests of the command use more of it.
+mod common;
+mod flash;
+mod served;
+mod whole_loop;
