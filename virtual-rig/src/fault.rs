@@ -375,13 +375,7 @@ mod tests {
         assert_eq!((from_the_start.from_s, from_the_start.until_s), (0.0, None));
         let planned: Planned = "stall@3".parse().unwrap();
         assert_eq!((planned.from_s, planned.until_s), (3.0, None));
-        for text in [
-            "leak@",
-            "leak@-1",
-            "leak@x",
-            "leak@inf",
-            "leak@1..x",
-        ] {
+        for text in ["leak@", "leak@-1", "leak@x", "leak@inf", "leak@1..x"] {
             assert_eq!(
                 text.parse::<Planned>(),
                 Err(FaultError::NoTime(text.into()))
@@ -395,7 +389,11 @@ mod tests {
             ("late=0.3s", Fault::Late, Size::Time(0.3)),
             ("reference=-3%/s", Fault::Reference, Size::Share(-0.03)),
             ("ground=+10mV/s", Fault::Ground, Size::Shift(10.0)),
-            ("drifting-pressure=-2kPa/s", Fault::DriftingPressure, Size::Drift(-2.0)),
+            (
+                "drifting-pressure=-2kPa/s",
+                Fault::DriftingPressure,
+                Size::Drift(-2.0),
+            ),
             (
                 "mains=60Hz,30mV",
                 Fault::Mains,

@@ -674,7 +674,8 @@ impl VirtualRig {
         self.board.stall(self.faults.contains_key(&Fault::Stall));
         self.board
             .skip_steps(self.faults.contains_key(&Fault::LostSteps));
-        self.board.tremble(self.faults.contains_key(&Fault::LostCoil));
+        self.board
+            .tremble(self.faults.contains_key(&Fault::LostCoil));
         self.board
             .reverse(self.faults.contains_key(&Fault::ReversedMotor));
         self.drive_pins();
