@@ -20,7 +20,7 @@ fn machine(bench: &mut Bench) -> Machine {
 fn measure(bench: &mut Bench) -> u32 {
     bench.obey(Command::Stroke);
     bench.until(1.0, "homing", |bench| bench.state() == State::Homing);
-    bench.until(120.0, "ready", |bench| bench.state() == State::Ready);
+    bench.until(180.0, "ready", |bench| bench.state() == State::Ready);
     bench.obey(Command::Disarm);
     bench.run(1.0);
     machine(bench).stroke_steps.expect("it was measured")
@@ -55,8 +55,8 @@ fn the_stroke_is_measured_kept_and_the_limit_of_the_largest_volume() {
     bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
     assert_eq!(machine(&mut bench).stroke_steps, Some(second));
     // A pressure that takes more than the stroke ends before the switch does.
-    bench.rig.set_fault(Broken::VentOpen, true);
     bench.load(ControlMode::Pressure, 100.0);
+    bench.rig.set_fault(Broken::VentOpen, true);
     bench.obey(Command::Run(None));
     bench.until(30.0, "a fault", |bench| bench.fault().is_some());
     assert_ne!(bench.fault(), Some(Fault::EndSwitch));

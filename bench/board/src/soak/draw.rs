@@ -147,9 +147,15 @@ impl Misfortune {
                 L::Reach,
                 L::Disagreement,
                 L::GasLaw,
+                L::Blind,
+                L::Late,
+                L::Supply,
+                L::Ground,
             ],
             // Lost steps make the counted place wrong until the next homing.
-            Fault::Leak | Fault::VentOpen => &[L::EndSwitch, L::Stall, L::Reach, L::GasLaw],
+            Fault::Leak | Fault::VentOpen => {
+                &[L::EndSwitch, L::Stall, L::Reach, L::GasLaw, L::Blind]
+            }
             Fault::Stall | Fault::LostCoil | Fault::LostSteps => &[
                 L::EndSwitch,
                 L::Stall,
@@ -158,6 +164,7 @@ impl Misfortune {
                 L::Vent,
                 L::Reach,
                 L::GasLaw,
+                L::Blind,
             ],
             // Reversed within a run, it pushes where it should let go.
             Fault::ReversedMotor => &[
@@ -170,6 +177,7 @@ impl Misfortune {
                 L::OverPressure,
                 L::OverAngle,
                 L::Disagreement,
+                L::Blind,
                 // Air that is let go while the count says that it is pushed in seems lost.
                 L::GasLaw,
             ],
@@ -182,7 +190,8 @@ impl Misfortune {
             Fault::BrownOut => &[L::BrownOut, L::Restart],
             Fault::Hang => &[L::Watchdog],
             Fault::Deaf => &[L::Watchdog, L::Restart],
-            Fault::PowerCut | Fault::LowSupply => &[],
+            Fault::LowSupply => &[L::Supply],
+            Fault::PowerCut => &[],
         };
         known.iter().any(|fault| fault.code() == code)
     }
