@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
-use super::{LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
+use super::{Decimals, LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
 use crate::bounded::Limits;
-use crate::columns::{Columns, Layout, Quantity, TimeUnit, Unit, position};
+use crate::columns::{Columns, Layout, Quantity, ROW, TimeUnit, Unit, is_made, position};
 use crate::error::InputError;
 use crate::left_out::{LeftOut, What};
 use crate::recording::Column;
@@ -104,9 +104,10 @@ pub fn read(
                 .check_units_in_names(layout)
                 .map_err(|error| error.in_file(path).at_line(header_line))?;
         }
-        let row = match samples.numbers_in(&fields, &mut numbers, line, layout) {
+        let made = places.map(|place| place >= header.len());
+        let row = match samples.numbers_in(&fields, made, &mut numbers, line, layout) {
             Ok(row) => row,
-            Err(error) if fields.iter().any(|field| is_no_number(field)) => {
+            Err(error) if (0..3).any(|at| !made[at] && is_no_number(&fields[at])) => {
                 bad.take(line, place(error));
                 continue;
             }
@@ -149,13 +150,20 @@ impl Samples {
     fn numbers_in(
         &mut self,
         fields: &[Cow<'_, str>; 3],
+        made: [bool; 3],
         numbers: &mut Numbers,
         line: u64,
         layout: &Layout,
     ) -> Result<[f64; 3], InputError> {
         let mut row = [0.0; 3];
+        self.rows += 1;
         for ((number, field), quantity) in row.iter_mut().zip(fields).zip(Quantity::ALL) {
             let column = layout.names.of(quantity);
+            if made[quantity as usize] {
+                *number = if column == ROW { self.rows as f64 } else { 0.0 };
+                self.decimals[quantity as usize] = Decimals::Various;
+                continue;
+            }
             let stamp = match quantity {
                 Quantity::Time => stamps::read(field),
                 _ => None,
@@ -256,6 +264,9 @@ const LINES_ABOVE: usize = 200;
 fn has_all(names: &[String], layout: &Layout) -> bool {
     if layout.names.are_positions() {
         return Quantity::ALL.into_iter().all(|quantity| {
+            if is_made(layout.names.of(quantity)) {
+                return true;
+            }
             let place = position(layout.names.of(quantity));
             let field = place.and_then(|place| names.get(place));
             field.is_some_and(|field| {
@@ -264,7 +275,8 @@ fn has_all(names: &[String], layout: &Layout) -> bool {
         });
     }
     let wanted = Quantity::ALL.map(|quantity| layout.names.of(quantity));
-    wanted.iter().all(|name| names.iter().any(|it| it == name))
+    let is_there = |name: &&str| names.iter().any(|it| it == name) || is_made(name);
+    wanted.iter().all(is_there)
 }
 
 /// The units in a row beneath the header, with a sentence about them; none if the row is no
