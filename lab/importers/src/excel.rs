@@ -107,7 +107,6 @@ fn shown(cell: &Data) -> String {
         Data::String(text) | Data::DateTimeIso(text) | Data::DurationIso(text) => {
             text.replace(['\t', '\n', '\r', '"'], " ").trim().to_owned()
         }
-        _ => String::new(),
     }
 }
 

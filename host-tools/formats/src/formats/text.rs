@@ -46,11 +46,12 @@ pub fn read(
         .in_file(path));
     };
     let header_line = header.line;
-    let header = header.names;
+    let mut header = header.names;
+    let mut beside = BesideEachOther::of(&mut header, layout);
     let places = names::find(&header, layout, "column")
         .map_err(|error| error.in_file(path).at_line(header_line))?;
     let other: Vec<usize> = (0..header.len())
-        .filter(|column| !places.contains(column))
+        .filter(|column| !places.contains(column) && !beside.has(*column))
         .collect();
     let mut samples = Samples {
         extra: other
@@ -116,6 +117,10 @@ pub fn read(
                 .map_err(|error| error.in_file(path).at_line(header_line))?;
         }
         let made = places.map(|place| place >= header.len());
+        beside.take(&record, &mut numbers, &samples.columns)?;
+        if beside.is_over(&fields) {
+            continue;
+        }
         let row = match samples.numbers_in(&fields, made, &mut numbers, line, layout) {
             Ok(row) => row,
             Err(error) if (0..3).any(|at| !made[at] && is_no_number(&fields[at])) => {
@@ -136,6 +141,7 @@ pub fn read(
         }
     }
     bad.finish(&mut samples, path, layout)?;
+    beside.append(&mut samples, path);
     if short.1 > 0 && !is_lvm {
         samples.warnings.push(format!(
             "{}: {} rows have fewer fields than the header; what is wanted is in them",
@@ -204,6 +210,95 @@ impl Samples {
             self.decimals[quantity as usize].count(field);
         }
         Ok(row)
+    }
+}
+
+/// Runs that stand side by side, with the same names above each.
+#[derive(Default)]
+struct BesideEachOther {
+    /// Where time, pressure and angle of the second run stand, and of those that follow.
+    places: Vec<[usize; 3]>,
+    /// Their samples (s, kPa, °), with their lines.
+    runs: Vec<Vec<(u64, [f64; 3])>>,
+}
+
+impl BesideEachOther {
+    /// Finds them, and gives their columns other names than those of the first run.
+    fn of(header: &mut [String], layout: &Layout) -> Self {
+        let all = Quantity::ALL.map(|quantity| {
+            let name = layout.names.of(quantity);
+            let found = (0..header.len()).filter(|at| header[*at] == name);
+            found.collect::<Vec<usize>>()
+        });
+        let count = all[0].len();
+        if count < 2 || all.iter().any(|found| found.len() != count) {
+            return Self::default();
+        }
+        for found in &all {
+            for (number, at) in found.iter().enumerate().skip(1) {
+                header[*at] += &format!(" ({})", number + 1);
+            }
+        }
+        Self {
+            places: (1..count)
+                .map(|run| [0, 1, 2].map(|at: usize| all[at][run]))
+                .collect(),
+            runs: vec![Vec::new(); count - 1],
+        }
+    }
+
+    /// Takes what a row has of them. A run that is over has empty fields, and a field that is no
+    /// number is none.
+    fn take(
+        &mut self,
+        record: &Row,
+        numbers: &mut Numbers,
+        columns: &Columns,
+    ) -> Result<(), InputError> {
+        for (places, run) in self.places.iter().zip(&mut self.runs) {
+            let fields = places.map(|place| record.field(place));
+            if fields.iter().any(|field| is_no_number(field)) {
+                continue;
+            }
+            let mut row = [0.0; 3];
+            for (number, field) in row.iter_mut().zip(&fields) {
+                *number = numbers.read(field, record.line(), "")?;
+            }
+            run.push((record.line(), columns.read(row)));
+        }
+        Ok(())
+    }
+
+    /// Whether a column is of one of them.
+    fn has(&self, column: usize) -> bool {
+        self.places.iter().flatten().any(|place| *place == column)
+    }
+
+    /// Whether the first run is over, and another goes on.
+    fn is_over(&self, fields: &[Cow<'_, str>; 3]) -> bool {
+        !self.places.is_empty() && fields.iter().all(|field| field.is_empty())
+    }
+
+    /// Puts them behind the first run.
+    fn append(self, samples: &mut Samples, path: &Path) {
+        let count = self.runs.len() + 1;
+        for run in self.runs {
+            for (line, [time, pressure, angle]) in run {
+                samples.time_s.push(time);
+                samples.pressure_kpa.push(pressure);
+                samples.angle_deg.push(angle);
+                samples.lines.push(samples.time_s.len() - 1, line);
+                for column in &mut samples.extra {
+                    column.fields.push(String::new());
+                }
+            }
+        }
+        if count > 1 {
+            samples.warnings.push(format!(
+                "{}: {count} runs stand side by side, and are read one after the other",
+                path.display()
+            ));
+        }
     }
 }
 
@@ -503,6 +598,29 @@ mod tests {
         assert_eq!(samples.pressure_kpa, [200.0, 300.0]);
         let again = crate::model_file::recording_layout(&rows.to_toml(), Path::new("m.toml"));
         assert_eq!(again.unwrap(), rows);
+    }
+
+    #[test]
+    fn runs_side_by_side_are_read_one_after_the_other() {
+        let mut text = "time_s,pressure_kpa,angle_deg,time_s,pressure_kpa,angle_deg\n".to_owned();
+        for k in 0..40 {
+            let first = if k < 30 {
+                format!("{k},1,{k}")
+            } else {
+                ",,".into()
+            };
+            text += &format!("{first},{k},2,{}\n", 100 + k);
+        }
+        let samples = read_as(text.as_bytes(), &Layout::default()).unwrap();
+        assert_eq!(samples.len(), 70);
+        assert_eq!(samples.breaks, [30]);
+        assert_eq!(samples.pressure_kpa[29..31], [1.0, 2.0]);
+        assert_eq!(samples.lines.place(30), "line 2");
+        assert!(
+            samples.warnings[0].contains("2 runs"),
+            "{:?}",
+            samples.warnings
+        );
     }
 
     #[test]
