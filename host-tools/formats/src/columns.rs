@@ -10,6 +10,9 @@ use toml_edit::Value;
 use crate::recording::PASCAL_PER_KPA;
 use crate::setup::Setup;
 
+/// What may be written as units, for whoever is asked for them.
+pub const UNITS_HELP: &str = "as time=ms,pressure=psi,angle=rad; pressure=psi*100 for values times 100, time=s*50 for 50 rows a second";
+
 /// Pressure of the air at sea level (kPa), the standard atmosphere.
 pub const ATMOSPHERE_KPA: f64 = 101.325;
 
@@ -245,6 +248,62 @@ impl Unit {
     }
 }
 
+/// How the numbers of a column become those of its unit: two of them, and what they stand for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// Two numbers of the file, each with what it is in the unit.
+    pub points: [[f64; 2]; 2],
+}
+
+impl Scale {
+    /// For values times a factor, as a header says it: `psi * 100`.
+    pub fn times(factor: f64) -> Option<Self> {
+        Self::through([[0.0, 0.0], [factor, 1.0]])
+    }
+
+    /// Through two points; none if they do not tell a scale.
+    pub fn through(points: [[f64; 2]; 2]) -> Option<Self> {
+        let [[a, x], [b, y]] = points;
+        let all = [a, x, b, y].iter().all(|it| it.is_finite());
+        let apart = (a - b).abs() > 0.0 && (x - y).abs() > 0.0;
+        (all && apart).then_some(Self { points })
+    }
+
+    /// Reads `101:0,512:100`: a number of the file and what it is, twice.
+    ///
+    /// # Errors
+    ///
+    /// Says how to write it.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = text
+            .split([':', ','])
+            .map(|part| part.trim().parse().ok())
+            .collect();
+        match numbers.as_deref() {
+            Some(&[a, x, b, y]) => Self::through([[a, x], [b, y]]),
+            _ => None,
+        }
+        .ok_or_else(|| {
+            format!(
+                "write two points for \"{text}\", number of the file and what it is: 101:0,512:100"
+            )
+        })
+    }
+
+    /// What a number of the file is.
+    pub fn read(&self, number: f64) -> f64 {
+        let [[a, x], [b, y]] = self.points;
+        x + (number - a) * (y - x) / (b - a)
+    }
+}
+
+impl std::fmt::Display for Scale {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [[a, x], [b, y]] = self.points;
+        write!(f, "{a}:{x},{b}:{y}")
+    }
+}
+
 /// What the columns hold. A field that is `None` or false was not said: then the
 /// header counts, and may be doubted. What was said is not doubted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -257,6 +316,8 @@ pub struct Columns {
     pub air_kpa: Option<f64>,
     /// Unit of the angle.
     pub angle: Option<AngleUnit>,
+    /// Scales of time, pressure and angle, by which numbers of the file come into their units.
+    pub scales: [Option<Scale>; 3],
     /// The angle at rest (°), which is subtracted.
     pub angle_zero_deg: Option<f64>,
     /// The angle counts the other way round.
@@ -271,6 +332,13 @@ impl Columns {
         if self.exchange {
             (pressure, angle) = (angle, pressure);
         }
+        let scaled = |of: Quantity, number: f64| match &self.scales[of as usize] {
+            Some(scale) => scale.read(number),
+            None => number,
+        };
+        let time = scaled(Quantity::Time, time);
+        let pressure = scaled(Quantity::Pressure, pressure);
+        let angle = scaled(Quantity::Angle, angle);
         let time = time * self.time.map_or(1.0, TimeUnit::seconds);
         let pressure = pressure * self.pressure.map_or(1.0, PressureUnit::kilopascals)
             - self.air_kpa.unwrap_or(0.0);
@@ -312,6 +380,7 @@ impl Columns {
             pressure: self.pressure.or(other.pressure),
             air_kpa: self.air_kpa.or(other.air_kpa),
             angle: self.angle.or(other.angle),
+            scales: std::array::from_fn(|at| self.scales[at].or(other.scales[at])),
             angle_zero_deg: self.angle_zero_deg.or(other.angle_zero_deg),
             flip_angle: self.flip_angle || other.flip_angle,
             exchange: self.exchange || other.exchange,
@@ -327,6 +396,11 @@ impl Columns {
             .collect();
         if !units.is_empty() {
             flags.push(format!("--units {}", units.join(",")));
+        }
+        for quantity in Quantity::ALL {
+            if let Some(scale) = self.scales[quantity as usize] {
+                flags.push(format!("--scale {}={scale}", quantity.key()));
+            }
         }
         if let Some(air) = self.air_kpa {
             flags.push(if (air - ATMOSPHERE_KPA).abs() < 1e-9 {
@@ -358,9 +432,55 @@ impl Columns {
             let (key, unit) = part
                 .split_once('=')
                 .ok_or_else(|| format!("write QUANTITY=UNIT for \"{part}\", as pressure=psi"))?;
-            columns.set(unit_of(key.trim(), unit)?);
+            columns.say_unit(key.trim(), unit)?;
         }
         Ok(columns)
+    }
+
+    /// Says a unit as it is written, `psi` or `psi * 100`: the file has its values times 100.
+    ///
+    /// # Errors
+    ///
+    /// Says which quantities and which units there are.
+    pub fn say_unit(&mut self, key: &str, written: &str) -> Result<(), String> {
+        let (unit, factor) = match written.split_once('*') {
+            Some((unit, factor)) => (unit, Some(factor)),
+            None => (written, None),
+        };
+        let unit = unit_of(key, unit)?;
+        self.set(unit);
+        if let (Some(factor), Some(quantity)) = (factor, Quantity::of_key(key)) {
+            let scale = factor.trim().parse().ok().and_then(Scale::times);
+            self.scales[quantity as usize] =
+                Some(scale.ok_or_else(|| format!("\"{}\" is no factor", factor.trim()))?);
+        }
+        Ok(())
+    }
+
+    /// Says a scale, as `--scale` has it: `pressure=101:0,512:100`.
+    ///
+    /// # Errors
+    ///
+    /// Says how to write it.
+    pub fn of_scale(text: &str) -> Result<Self, String> {
+        let (key, points) = text.split_once('=').ok_or_else(|| {
+            format!("write QUANTITY=POINTS for \"{text}\", as pressure=101:0,512:100")
+        })?;
+        let mut columns = Self::default();
+        columns.say_scale(key.trim(), Scale::parse(points)?)?;
+        Ok(columns)
+    }
+
+    /// Says the scale of a quantity.
+    ///
+    /// # Errors
+    ///
+    /// Says which quantities there are.
+    pub fn say_scale(&mut self, key: &str, scale: Scale) -> Result<(), String> {
+        let quantity = Quantity::of_key(key)
+            .ok_or_else(|| format!("\"{key}\" is none of time, pressure and angle"))?;
+        self.scales[quantity as usize] = Some(scale);
+        Ok(())
     }
 }
 
@@ -415,8 +535,9 @@ impl Names {
     /// Whether time, pressure and angle are all called by their numbers, as in a table without a
     /// header.
     pub fn are_positions(&self) -> bool {
-        let mut all = Quantity::ALL.into_iter();
-        all.all(|quantity| position(self.of(quantity)).is_some())
+        let all = Quantity::ALL.map(|quantity| self.of(quantity));
+        let is_somewhere = |name: &&str| position(name).is_some();
+        all.iter().any(is_somewhere) && all.iter().all(|name| is_somewhere(&name) || is_made(name))
     }
 
     /// Says which column holds a quantity (`pressure`) or an optional column
@@ -505,6 +626,17 @@ pub struct Layout {
     pub strict: bool,
 }
 
+/// The name of a pressure that nobody recorded: there is none, all the time.
+pub const NOTHING: &str = "none";
+
+/// The name of a time that is told by the number of the row, from 0.
+pub const ROW: &str = "#0";
+
+/// Whether a column is not in the file, and made.
+pub fn is_made(name: &str) -> bool {
+    name == NOTHING || name == ROW
+}
+
 /// The place, from 0, of a column that is called by its number: `#1` is the first.
 pub fn position(name: &str) -> Option<usize> {
     let number: usize = name.strip_prefix('#')?.parse().ok()?;
@@ -550,6 +682,16 @@ impl Layout {
             .collect();
         if !units.is_empty() {
             lines.push(format!("units = {}", texts(units)));
+        }
+        let scales: Vec<String> = Quantity::ALL
+            .into_iter()
+            .filter_map(|quantity| {
+                let [[a, x], [b, y]] = self.columns.scales[quantity as usize]?.points;
+                Some(format!("{} = [[{a}, {x}], [{b}, {y}]]", quantity.key()))
+            })
+            .collect();
+        if !scales.is_empty() {
+            lines.push(format!("scale = {{ {} }}", scales.join(", ")));
         }
         for (key, number) in [
             ("absolute_pressure_kpa", self.columns.air_kpa),

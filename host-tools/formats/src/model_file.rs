@@ -15,7 +15,7 @@ use model_core::ludwick::{Beam, Ludwick, SecondMoment};
 use model_core::power::Exact;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, Value};
 
-use crate::columns::{self, Layout};
+use crate::columns::{self, Layout, Scale};
 use crate::error::{InputError, line_of};
 use crate::material_name::{like, named};
 use crate::numbers::tidy;
@@ -204,6 +204,37 @@ fn write_table(section: &mut Table, numbers: &table::Table<f64>) {
 }
 
 /// The numbers of a list; none if it is anything else.
+/// The layout of recordings in the section `[recording]` of any TOML file, empty where it has
+/// none; `path` is only named in messages.
+///
+/// # Errors
+///
+/// Names file, line, column and remedy.
+pub fn recording_layout(text: &str, path: &Path) -> Result<Layout, InputError> {
+    let reader = ModelReader {
+        toml: Reader { text, path },
+    };
+    let document = reader.toml.parse()?;
+    reader.recording(document.as_table())
+}
+
+/// Scales by their quantities, each of two points.
+fn scales(item: &Item) -> Option<Vec<(String, Scale)>> {
+    let table = item.as_table_like()?;
+    table
+        .iter()
+        .map(|(key, points)| {
+            let points = points.as_array()?;
+            let point = |at: usize| -> Option<[f64; 2]> {
+                let point = points.get(at)?.as_array()?;
+                Some([value_number(point.get(0)?)?, value_number(point.get(1)?)?])
+            };
+            let scale = Scale::through([point(0)?, point(1)?])?;
+            (points.len() == 2).then(|| (key.to_owned(), scale))
+        })
+        .collect()
+}
+
 fn item_numbers(item: &Item) -> Option<Vec<f64>> {
     item.as_array()?.iter().map(value_number).collect()
 }
@@ -450,6 +481,7 @@ impl ModelReader<'_> {
             &[
                 "columns",
                 "units",
+                "scale",
                 "absolute_pressure_kpa",
                 "angle_zero_deg",
                 "flip_angle",
@@ -462,9 +494,21 @@ impl ModelReader<'_> {
             layout.names.set(key, column)
         })?;
         self.entries(table, "units", "pressure = \"psi\"", |key, unit| {
-            layout.columns.set(columns::unit_of(key, unit)?);
-            Ok(())
+            layout.columns.say_unit(key, unit)
         })?;
+        if let Some(item) = table.get("scale") {
+            let scales = scales(item).and_then(|scales| {
+                let mut said = scales.into_iter();
+                said.try_for_each(|(key, scale)| layout.columns.say_scale(&key, scale).ok())
+            });
+            scales.ok_or_else(|| {
+                self.toml.fail_at(
+                    item.span(),
+                    "scale does not give two points",
+                    "write a number of the file and what it is in the unit, twice, as scale = { pressure = [[101, 0], [512, 100]] }",
+                )
+            })?;
+        }
         if let Some(kpa) = self.toml.number(table, "absolute_pressure_kpa")? {
             let kpa = columns::air(kpa).map_err(|advice| {
                 let span = table.get("absolute_pressure_kpa").and_then(Item::span);

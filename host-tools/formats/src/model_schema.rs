@@ -145,6 +145,17 @@ fn recording() -> Value {
                 "additionalProperties": false,
                 "properties": of(json!({ "type": "string" })),
             },
+            "scale": {
+                "type": "object",
+                "description": "Two numbers of the file, each with what it is in its unit",
+                "additionalProperties": false,
+                "properties": of(json!({
+                    "type": "array",
+                    "minItems": 2,
+                    "maxItems": 2,
+                    "items": { "type": "array", "minItems": 2, "maxItems": 2, "items": { "type": "number" } },
+                })),
+            },
             "absolute_pressure_kpa": { "type": "number", "description": "Pressure of the air" },
             "angle_zero_deg": { "type": "number", "description": "The angle at rest" },
             "flip_angle": { "type": "boolean" },

@@ -60,6 +60,9 @@ pub struct RigFile {
     /// Its clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock: Option<ClockRate>,
+    /// The columns of recordings, as `softrig import` writes them: the section of a model file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording: Option<toml::Table>,
 }
 
 /// How fast a board's clock is.
@@ -115,7 +118,7 @@ impl RigFile {
     ///
     /// Names file, line, column and remedy.
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        const KEYS: &str = "its keys are schema = 1, port, model, board and [clock]; `softrig commission --only clock` writes the last two anew";
+        const KEYS: &str = "its keys are schema = 1, port, model, board, [clock] and [recording]; `softrig commission --only clock` writes the last two anew";
         const ADVICE: &str = "measure it again with `softrig commission --only clock`, or delete [clock]: without it times are the board's";
         let file: Self = toml::from_str(text).map_err(|error| {
             let fault = InputError::new(error.message(), KEYS).in_file(path);
@@ -200,6 +203,7 @@ mod tests {
                 standard_error: 2e-5,
                 seconds: 60.0,
             }),
+            recording: None,
         };
         file.write(&path).unwrap();
         assert_eq!(RigFile::find(&path).unwrap(), Some(file));

@@ -57,10 +57,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .rows_only(!writes_metadata(from, to, *format));
         output::check(&[output], args.recordings.iter().chain(&args.model))?;
     }
-    let mut layout = args.input.layout();
-    if let Some(model) = &args.model {
-        layout = layout.or(&super::read_model(model)?.recording);
-    }
+    let layout = match &args.model {
+        Some(model) => args.input.layout().or(&super::read_model(model)?.recording),
+        None => args.input.layout_in_folder()?,
+    };
     for (from, (to, format)) in args.recordings.iter().zip(&outputs) {
         let rows = convert(from, to, *format, &layout)?;
         super::print(&format!("{}: {rows} samples\n", to.display()))?;

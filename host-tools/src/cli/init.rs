@@ -287,7 +287,7 @@ impl Args {
             return Ok(Known {
                 geometry: None,
                 recordings: self.recording.clone(),
-                layout: self.input.layout(),
+                layout: self.input.layout_in_folder()?,
                 output: self.output.clone(),
             });
         };
@@ -298,7 +298,7 @@ impl Args {
                 assumed: false,
             }),
             recordings: self.recording.clone(),
-            layout: self.input.layout(),
+            layout: self.input.layout_in_folder()?,
             output: self.output.clone(),
         })
     }

@@ -3,7 +3,11 @@
 use clap::Args;
 
 use super::choice::choice;
+use softrig_formats::bounded::read_text;
 use softrig_formats::columns::{self, AngleUnit, Columns, Layout, Names, PressureUnit, TimeUnit};
+use softrig_formats::error::InputError;
+use softrig_formats::model_file::recording_layout;
+use softrig_link::rig_file::rig_file;
 
 /// The layout of all recordings of a command, if their columns are not `time_s`,
 /// `pressure_kpa` and `angle_deg`.
@@ -20,6 +24,11 @@ pub struct InputArgs {
     /// pressure: kpa, psi, bar, mbar, mpa, pa, mmhg; angle: deg, rad
     #[arg(long, value_name = "WHICH=UNIT,…", value_parser = Columns::of_units)]
     units: Vec<Columns>,
+    /// How numbers of the file become those of a unit, by two of them and what they are:
+    /// pressure=101:0,512:100; a factor may stand with the unit, as --units 'pressure=psi*100' for
+    /// values times 100
+    #[arg(long, value_name = "WHICH=POINTS", value_parser = Columns::of_scale)]
+    scale: Vec<Columns>,
     /// Unit of the time, as --units time=UNIT
     #[arg(
         long,
@@ -77,7 +86,29 @@ pub struct InputArgs {
     exchange_columns: bool,
 }
 
+/// The layout of the recordings of a folder: the section `[recording]` of its `softrig.toml`.
+///
+/// # Errors
+///
+/// Names file, line, column and remedy.
+pub fn layout_of_folder() -> Result<Layout, InputError> {
+    let path = rig_file();
+    match path.is_file() {
+        true => recording_layout(&read_text(path)?, path),
+        false => Ok(Layout::default()),
+    }
+}
+
 impl InputArgs {
+    /// The layout given on the command line, and what it leaves open as the folder has it.
+    ///
+    /// # Errors
+    ///
+    /// Faults of `softrig.toml`.
+    pub fn layout_in_folder(&self) -> Result<Layout, InputError> {
+        Ok(self.layout().or(&layout_of_folder()?))
+    }
+
     /// The layout of the recordings given on the command line.
     pub fn layout(&self) -> Layout {
         let said = Columns {
@@ -88,6 +119,7 @@ impl InputArgs {
             angle_zero_deg: self.angle_zero,
             flip_angle: self.flip_angle,
             exchange: self.exchange_columns,
+            ..Columns::default()
         };
         Layout {
             // Of contradicting flags the later counts, as everywhere.
@@ -98,6 +130,7 @@ impl InputArgs {
             columns: self
                 .units
                 .iter()
+                .chain(&self.scale)
                 .fold(said, |earlier, later| later.or(earlier)),
             skip_rows: self.skip_rows,
             strict: self.strict,

@@ -13,6 +13,7 @@ pub mod export;
 pub mod fit;
 pub mod flash;
 pub mod gap;
+pub mod import;
 pub mod init;
 pub(crate) mod input;
 pub(crate) mod json;
@@ -60,10 +61,12 @@ pub(crate) fn warn(text: &str) {
 
 /// Reads a model, with its warnings.
 pub(crate) fn read_model(path: &Path) -> Result<ModelFile, InputError> {
-    let file = ModelFile::read(path)?;
+    let mut file = ModelFile::read(path)?;
     for warning in &file.warnings {
         warn(warning);
     }
+    // What the model leaves open about recordings, the folder may say.
+    file.recording = file.recording.or(&input::layout_of_folder()?);
     Ok(file)
 }
 

@@ -40,6 +40,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Diagnose(cli::diagnose::Args),
+    Import(cli::import::Args),
     Init(cli::init::Args),
     Fit(cli::fit::Args),
     Simulate(cli::simulate::Args),
@@ -123,6 +124,7 @@ fn check_threads() -> anyhow::Result<()> {
 fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Diagnose(args) => cli::diagnose::run(&args),
+        Command::Import(args) => cli::import::run(&args),
         Command::Init(args) => cli::init::run(&args),
         Command::Fit(args) => cli::fit::run(&args),
         Command::Simulate(args) => cli::simulate::run(&args),

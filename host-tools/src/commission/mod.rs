@@ -480,6 +480,7 @@ impl<'o> Session<'o> {
                 schema: 1,
                 // The next virtual rig is behind another.
                 port: (!is_pseudo_terminal(port)).then(|| port.to_owned()),
+                recording: before.as_ref().and_then(|file| file.recording.clone()),
                 model: before.and_then(|file| file.model),
                 board: Some(board_name(self.link.port())),
                 clock: Some(rate),

@@ -15,6 +15,8 @@
 
 #[cfg(feature = "native")]
 mod bag;
+#[cfg(feature = "native")]
+mod excel;
 mod guard;
 mod hdf5;
 mod mat;

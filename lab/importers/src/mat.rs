@@ -495,6 +495,65 @@ mod tests {
         );
     }
 
+    /// Cells, arrays of structures, rows of a matrix, dimensions of one, and what cannot be read.
+    #[test]
+    fn every_shape_of_numbers_is_read_and_the_rest_named() {
+        let cell = |inside: &[Vec<u8>]| array(u32::from(CELL), "c", [1, 2], &inside.concat());
+        let names = b"values\0\0";
+        let signals = [
+            element(5, &8_i32.to_le_bytes()),
+            element(1, names),
+            doubles("", [3, 1], &[1.0, 2.0, 3.0]),
+            doubles("", [3, 1], &[4.0, 5.0, 6.0]),
+        ];
+        let object = [
+            element(6, &[u32::from(OPAQUE).to_le_bytes(), [0; 4]].concat()),
+            element(1, b"tt"),
+            element(1, b"MCOS"),
+            element(1, b"timetable"),
+        ];
+        let complex = |imaginary: f64| {
+            let flags = [(6 | COMPLEX).to_le_bytes(), 0_u32.to_le_bytes()].concat();
+            let pair = |a: f64, b: f64| [a.to_le_bytes(), b.to_le_bytes()].concat();
+            let parts = [
+                element(6, &flags),
+                element(5, &[2_i32.to_le_bytes(), 1_i32.to_le_bytes()].concat()),
+                element(1, b"z"),
+                element(9, &pair(1.0, 2.0)),
+                element(9, &pair(imaginary, 0.0)),
+            ];
+            element(MATRIX, &parts.concat())
+        };
+        let wide: Vec<f64> = (0..130)
+            .flat_map(|k| [f64::from(k), 1.0, 2.0])
+            .collect();
+        let bytes = file(&[
+            cell(&[
+                doubles("", [3, 1], &[0.0, 1.0, 2.0]),
+                doubles("", [1, 3], &[7.0, 8.0, 9.0]),
+            ]),
+            array(u32::from(STRUCTURE), "signals", [1, 2], &signals.concat()),
+            element(MATRIX, &object.concat()),
+            complex(1e-17),
+            doubles("data", [3, 130], &wide),
+        ]);
+        let columns = "time=c{1},pressure=signals(1).values,angle=signals(2).values";
+        let samples = read_as(&bytes, columns).unwrap();
+        assert_eq!(samples.angle_deg, [4.0, 5.0, 6.0]);
+        assert!(samples.warnings[0].contains("z is complex"));
+        let rows = read_as(&bytes, "time=data(1,:),pressure=data(2,:),angle=data(3,:)").unwrap();
+        assert_eq!(rows.len(), 130);
+        let said = read_as(&bytes, "time=tt.Time").unwrap_err().to_string();
+        assert!(
+            said.contains("tt is an object of MATLAB's class timetable"),
+            "{said}"
+        );
+        let said = read_as(&file(&[complex(0.5)]), "time=z")
+            .unwrap_err()
+            .to_string();
+        assert!(said.contains("z is complex"), "{said}");
+    }
+
     #[test]
     fn what_is_wrong_is_said() {
         for (bytes, columns, part) in [

@@ -29,11 +29,19 @@ pub fn read_npz(
     let bytes = read_whole(whole, path, limits)?;
     let fail = |error: &dyn std::fmt::Display| damaged(path, "packed", error);
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| fail(&error))?;
+    #[cfg(feature = "native")]
+    if is_spreadsheet(&archive) {
+        return crate::excel::read(archive.into_inner().into_inner(), path, layout, limits);
+    }
     let mut sheet = Sheet::default();
     let mut left = limits.bytes;
     for index in 0..archive.len() {
         let entry = archive.by_index(index).map_err(|error| fail(&error))?;
-        let Some(name) = entry.name().strip_suffix(".npy").map(str::to_owned) else {
+        let Some(name) = entry
+            .name()
+            .ok()
+            .and_then(|name| name.strip_suffix(".npy").map(str::to_owned))
+        else {
             continue;
         };
         let mut bytes = Vec::new();
@@ -63,8 +71,7 @@ pub fn read_npz(
         }
     }
     if sheet.columns.is_empty() && sheet.unread.is_empty() {
-        let is_spreadsheet = archive.file_names().any(|name| name.starts_with("xl/"));
-        let (found, advice) = if is_spreadsheet {
+        let (found, advice) = if is_spreadsheet(&archive) {
             ("is a spreadsheet of Excel", "export the sheet as CSV")
         } else {
             (
@@ -75,6 +82,12 @@ pub fn read_npz(
         return Err(InputError::new(found, advice).in_file(path));
     }
     sheet.samples(path, layout, limits, "array")
+}
+
+/// Whether a packed file is one of Excel's.
+fn is_spreadsheet(archive: &ZipArchive<Cursor<Vec<u8>>>) -> bool {
+    let mut names = archive.file_names();
+    names.any(|name| name.is_ok_and(|name| name.starts_with("xl/")))
 }
 
 /// Reads a single array.

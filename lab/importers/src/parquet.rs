@@ -527,3 +527,47 @@ pub(crate) fn write(table: &Sheet) -> anyhow::Result<Vec<u8>> {
 fn levels(there: impl Iterator<Item = bool>) -> Vec<i16> {
     there.map(i16::from).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_parquet_have_their_meaning() {
+        for (bits, number) in [
+            (0x3c00_u16, 1.0),
+            (0xc000, -2.0),
+            (0x3555, 0.333_251_953_125),
+            (0x0001, 2f64.powi(-24)),
+        ] {
+            assert!(
+                (half(&bits.to_le_bytes()) - number).abs() < 1e-12,
+                "{bits:x}"
+            );
+        }
+        assert!(half(&[0, 0x7e]).is_nan() && half(&[0]).is_nan());
+        assert!((of_two_complement(&[0xff, 0x38]) + 200.0).abs() < 1e-12);
+        assert!((of_two_complement(&[0, 0, 1, 0]) - 256.0).abs() < 1e-12);
+        let mut stamp = Int96::new();
+        // Half a second past noon of 1970-01-02.
+        let nanoseconds = 43_200_500_000_000_u64;
+        stamp.set_data(
+            u32::try_from(nanoseconds & 0xffff_ffff).unwrap(),
+            u32::try_from(nanoseconds >> 32).unwrap(),
+            2_440_589,
+        );
+        assert!((seconds_of_int96(&stamp) - 129_600.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_schema_of_arrow_that_is_none_says_nothing() {
+        for text in [
+            "",
+            "!",
+            "/////+gAAAAQAAAAAAAKAAwABgAFAAgACgAAAAABBAAMAAAA",
+            "AAAA",
+        ] {
+            assert!(arrow::durations(text).is_empty(), "{text}");
+        }
+    }
+}

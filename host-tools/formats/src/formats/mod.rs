@@ -9,6 +9,7 @@ mod arrays;
 pub mod binary;
 mod json_lines;
 pub mod names;
+pub mod overview;
 pub mod stamps;
 pub(crate) mod text;
 pub mod write;
@@ -19,7 +20,7 @@ use std::path::Path;
 
 use crate::bounded::{self, Limits};
 use crate::clock;
-use crate::columns::{Columns, Layout, Quantity, TimeUnit};
+use crate::columns::{Columns, Layout, Quantity, ROW, TimeUnit, Unit};
 use crate::error::InputError;
 use crate::left_out::{LeftOut, Lines};
 use crate::recording::Column;
@@ -104,6 +105,8 @@ pub struct Samples {
     pub lines: Lines,
     /// What was left out or changed.
     pub left_out: Vec<LeftOut>,
+    /// Rows of the file so far, also those that are left out.
+    rows: u64,
     /// Whether the times are times of a day.
     is_time_of_day: bool,
     angle_asked: bool,
@@ -197,6 +200,21 @@ impl Samples {
     fn check_units_in_names(&self, layout: &Layout) -> Result<(), InputError> {
         for quantity in Quantity::ALL {
             let name = layout.names.of(quantity);
+            if let (Some(factor), None) = (
+                names::factor_in(name),
+                &self.columns.scales[quantity as usize],
+            ) {
+                let unit = self
+                    .columns
+                    .unit(quantity)
+                    .or(names::unit_in(quantity, name));
+                let unit = unit.map_or(["s", "kpa", "deg"][quantity as usize], Unit::name);
+                return Err(InputError::new(
+                    format!("the name of {name} says that its values are {factor} times the {}, and no scale is said", quantity.key()),
+                    format!("add --units {0}={unit}*{factor}, or --units {0}={unit}*1 if the name is wrong", quantity.key()),
+                )
+                .in_column(name));
+            }
             let Some(unit) = names::unit_in(quantity, name) else {
                 continue;
             };
@@ -435,6 +453,23 @@ impl Sheet {
             .check_unread(&header, layout, what)
             .and_then(|()| names::find(&header, layout, what))
             .map_err(|error| self.with_unread(error).in_file(path))?;
+        // Columns that nobody recorded are made.
+        let rows = places.iter().filter(|place| **place < header.len());
+        let rows = rows
+            .map(|place| self.columns[*place].1.len())
+            .next()
+            .unwrap_or(0);
+        let mut places = places;
+        for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {
+            if *place >= header.len() {
+                let name = layout.names.of(quantity);
+                let value = |row: usize| if name == ROW { row as f64 } else { 0.0 };
+                *place = self.columns.len();
+                let numbers = Values::Numbers((0..rows).map(value).collect(), Decimals::Various);
+                self.columns.push((name.to_owned(), numbers));
+            }
+        }
+        let header = self.names();
         let count = self.columns[places[0]].1.len();
         for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
             let found = self.columns[place].1.len();
@@ -546,6 +581,7 @@ impl Samples {
                 .unit(quantity)
                 .is_some_and(|it| !it.is_promised())
                 || said.exchange
+                || said.scales[quantity as usize].is_some()
                 || (quantity == Quantity::Pressure && said.air_kpa.is_some())
                 || (quantity == Quantity::Angle && said.angle_zero_deg.is_some());
             if converted {

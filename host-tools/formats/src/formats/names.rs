@@ -4,7 +4,7 @@
 //! that would read the file, judging by its header. That is only a suggestion: no column is
 //! read because its name looks right.
 
-use crate::columns::{Layout, Quantity, Unit, position};
+use crate::columns::{Layout, Quantity, Unit, is_made, position};
 use crate::error::{InputError, Suggestion, UNKNOWN_COLUMN};
 use crate::table::seems_number;
 use crate::terminal::quoted;
@@ -18,6 +18,10 @@ const WORDS: [&[&str]; 3] = [
         "times",
         "zeit",
         "temps",
+        "uhrzeit",
+        "zeitstempel",
+        "horodatage",
+        "heure",
         "tiempo",
         "sec",
         "seconds",
@@ -27,7 +31,17 @@ const WORDS: [&[&str]; 3] = [
         "date",
     ],
     &[
-        "p", "press", "pressure", "druck", "pression", "presion", "pres", "gauge",
+        "p",
+        "press",
+        "pressure",
+        "druck",
+        "pression",
+        "presion",
+        "pres",
+        "gauge",
+        "\u{fc}berdruck",
+        "ueberdruck",
+        "innendruck",
     ],
     &[
         "theta",
@@ -43,12 +57,22 @@ const WORDS: [&[&str]; 3] = [
         "curvature",
         "flex",
         "angulo",
+        "neigung",
+        "inclinaison",
+        "rotation",
+        "drehwinkel",
+        "ausschlag",
         "q",
     ],
 ];
 
 /// Words of columns that are about the same quantity and are not measured.
-const NOT_MEASURED: [&str; 12] = [
+const NOT_MEASURED: [&str; 17] = [
+    "sollwert",
+    "consigne",
+    "vorgabe",
+    "f\u{fc}hrungsgr\u{f6}\u{df}e",
+    "set",
     "setpoint",
     "target",
     "ref",
@@ -63,7 +87,8 @@ const NOT_MEASURED: [&str; 12] = [
     "soll",
 ];
 
-/// The places of time, pressure and angle in a header. `what` a column is called there.
+/// The places of time, pressure and angle in a header. `what` a column is called there. One that
+/// is [made](is_made) is behind the last.
 ///
 /// # Errors
 ///
@@ -72,6 +97,10 @@ pub fn find(header: &[String], layout: &Layout, what: &str) -> Result<[usize; 3]
     let mut places = [0; 3];
     for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {
         let name = layout.names.of(quantity);
+        if is_made(name) && !header.iter().any(|it| it == name) {
+            *place = header.len();
+            continue;
+        }
         if let Some(at) = position(name).filter(|&at| at < header.len()) {
             *place = at;
             continue;
@@ -157,8 +186,15 @@ fn suggested(header: &[String], layout: &Layout) -> Option<Suggestion> {
             ));
         }
         let unit = name.and_then(|name| unit_in(quantity, name));
-        if let Some(unit) = unit.filter(|unit| !unit.is_promised()) {
-            units.push(format!("{}={}", quantity.key(), unit.name()));
+        let factor = name.and_then(factor_in);
+        let promised = ["s", "kpa", "deg"][quantity as usize];
+        let called = unit.map_or(promised, Unit::name);
+        match factor {
+            Some(factor) => units.push(format!("{}={called}*{factor}", quantity.key())),
+            None if unit.is_some_and(|unit| !unit.is_promised()) => {
+                units.push(format!("{}={called}", quantity.key()));
+            }
+            None => {}
         }
     }
     if !guessed {
@@ -172,7 +208,7 @@ fn suggested(header: &[String], layout: &Layout) -> Option<Suggestion> {
 
 /// The unit that the name of a column has in it: `p_psi`, `Pressure [psi]`, `Zeit/ms`.
 pub fn unit_in(quantity: Quantity, name: &str) -> Option<Unit> {
-    Unit::of(quantity, split(name).1?)
+    Unit::of(quantity, split(without_factor(name)).1?)
 }
 
 /// A name without its unit, and the unit as it is written: what stands in brackets, or the
@@ -195,19 +231,14 @@ fn split(name: &str) -> (&str, Option<&str>) {
     }
 }
 
-/// How much a name looks like that of a quantity.
-fn likeness(quantity: Quantity, name: &str) -> u32 {
+/// How much a name looks like that of a quantity; not at all is 0.
+pub fn likeness(quantity: Quantity, name: &str) -> u32 {
     // LabVIEW's measurement files.
     if quantity == Quantity::Time && name == "X_Value" {
         return 6;
     }
+    let name = without_factor(name);
     let (stem, unit) = split(name);
-    let words = |text: &str| -> Vec<String> {
-        text.split(|c: char| !c.is_alphanumeric())
-            .filter(|word| !word.is_empty())
-            .map(str::to_lowercase)
-            .collect()
-    };
     let has_unit = |of: Quantity| unit.is_some_and(|unit| Unit::of(of, unit).is_some());
     let known = WORDS[quantity as usize];
     let all = words(name);
@@ -235,6 +266,40 @@ fn likeness(quantity: Quantity, name: &str) -> u32 {
         _ if of_another && by_name < 6 => 0,
         (score, true) => score + 1,
         (score, false) => score,
+    }
+}
+
+/// The words in a name, in lower case: those of `measuredPressure` are two.
+fn words(text: &str) -> Vec<String> {
+    let mut parted = String::with_capacity(text.len() + 8);
+    let mut before = ' ';
+    for c in text.chars() {
+        if before.is_lowercase() && c.is_uppercase() {
+            parted.push(' ');
+        }
+        parted.push(c);
+        before = c;
+    }
+    parted
+        .split(|c: char| !c.is_alphanumeric())
+        .filter(|word| !word.is_empty())
+        .map(str::to_lowercase)
+        .collect()
+}
+
+/// The factor that the name of a column has in it: the values of `pressure * 100` are a hundred
+/// times the pressure.
+pub fn factor_in(name: &str) -> Option<f64> {
+    let (_, factor) = name.rsplit_once(['*', '\u{d7}'])?;
+    let digits = factor.trim().trim_end_matches([')', ']']);
+    digits.parse().ok().filter(|factor: &f64| *factor > 0.0)
+}
+
+/// A name without the factor in it.
+fn without_factor(name: &str) -> &str {
+    match (factor_in(name), name.rfind(['*', '\u{d7}'])) {
+        (Some(_), Some(at)) => name[..at].trim_end(),
+        _ => name,
     }
 }
 

@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
-use super::{LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
+use super::{Decimals, LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
 use crate::bounded::Limits;
-use crate::columns::{Columns, Layout, Quantity, TimeUnit, Unit, position};
+use crate::columns::{Columns, Layout, Quantity, ROW, TimeUnit, Unit, is_made, position};
 use crate::error::InputError;
 use crate::left_out::{LeftOut, What};
 use crate::recording::Column;
@@ -46,11 +46,12 @@ pub fn read(
         .in_file(path));
     };
     let header_line = header.line;
-    let header = header.names;
+    let mut header = header.names;
+    let mut beside = BesideEachOther::of(&mut header, layout);
     let places = names::find(&header, layout, "column")
         .map_err(|error| error.in_file(path).at_line(header_line))?;
     let other: Vec<usize> = (0..header.len())
-        .filter(|column| !places.contains(column))
+        .filter(|column| !places.contains(column) && !beside.has(*column))
         .collect();
     let mut samples = Samples {
         extra: other
@@ -70,6 +71,8 @@ pub fn read(
     let is_lvm = header.first().is_some_and(|name| name == "X_Value")
         && header.last().is_some_and(|name| name == "Comment");
     let mut bad = BadLines::default();
+    // The width of the row before, and how many rows are as short as the one before them.
+    let mut short = (header.len(), 0_u64);
     while rows.next(&mut record)? {
         let line = record.line();
         // What is known to stand elsewhere stays there.
@@ -82,12 +85,21 @@ pub fn read(
             continue;
         }
         let is_without_comment = is_lvm && record.width() + 1 == header.len();
-        if record.width() != header.len() && !is_without_comment {
-            let last = matches!(rows.next(&mut Row::default()), Ok(false));
-            let error = place(wrong_length(record.width(), header.len(), last));
-            bad.take(line, error);
+        // Rows that lack columns which nobody wants, one after the other, are no damage.
+        let has_wanted = places
+            .iter()
+            .all(|place| *place < record.width() || *place >= header.len());
+        let is_short = record.width() < header.len() && has_wanted;
+        let goes_on = is_short && short.0 == record.width();
+        short.0 = record.width();
+        short.1 += u64::from(goes_on);
+        if record.width() != header.len() && !is_without_comment && !goes_on {
+            let of = |last| place(wrong_length(record.width(), header.len(), last));
+            bad.take(line, of(false));
+            bad.at_end = Some(of(true));
             continue;
         }
+        bad.at_end = None;
         let fields = places.map(|column| record.field(column));
         if std::mem::take(&mut first) {
             let said = units_row(&fields, layout).map_err(place)?;
@@ -104,9 +116,14 @@ pub fn read(
                 .check_units_in_names(layout)
                 .map_err(|error| error.in_file(path).at_line(header_line))?;
         }
-        let row = match samples.numbers_in(&fields, &mut numbers, line, layout) {
+        let made = places.map(|place| place >= header.len());
+        beside.take(&record, &mut numbers, &samples.columns)?;
+        if beside.is_over(&fields) {
+            continue;
+        }
+        let row = match samples.numbers_in(&fields, made, &mut numbers, line, layout) {
             Ok(row) => row,
-            Err(error) if fields.iter().any(|field| is_no_number(field)) => {
+            Err(error) if (0..3).any(|at| !made[at] && is_no_number(&fields[at])) => {
                 bad.take(line, place(error));
                 continue;
             }
@@ -124,6 +141,14 @@ pub fn read(
         }
     }
     bad.finish(&mut samples, path, layout)?;
+    beside.append(&mut samples, path);
+    if short.1 > 0 && !is_lvm {
+        samples.warnings.push(format!(
+            "{}: {} rows have fewer fields than the header; what is wanted is in them",
+            path.display(),
+            short.1
+        ));
+    }
     numbers.check().map_err(|error| error.in_file(path))?;
     if numbers.have_commas() {
         let fields = samples.extra.iter_mut().flat_map(|it| &mut it.fields);
@@ -149,13 +174,21 @@ impl Samples {
     fn numbers_in(
         &mut self,
         fields: &[Cow<'_, str>; 3],
+        made: [bool; 3],
         numbers: &mut Numbers,
         line: u64,
         layout: &Layout,
     ) -> Result<[f64; 3], InputError> {
         let mut row = [0.0; 3];
+        let count = self.rows as f64;
+        self.rows += 1;
         for ((number, field), quantity) in row.iter_mut().zip(fields).zip(Quantity::ALL) {
             let column = layout.names.of(quantity);
+            if made[quantity as usize] {
+                *number = if column == ROW { count } else { 0.0 };
+                self.decimals[quantity as usize] = Decimals::Various;
+                continue;
+            }
             let stamp = match quantity {
                 Quantity::Time => stamps::read(field),
                 _ => None,
@@ -180,6 +213,95 @@ impl Samples {
     }
 }
 
+/// Runs that stand side by side, with the same names above each.
+#[derive(Default)]
+struct BesideEachOther {
+    /// Where time, pressure and angle of the second run stand, and of those that follow.
+    places: Vec<[usize; 3]>,
+    /// Their samples (s, kPa, °), with their lines.
+    runs: Vec<Vec<(u64, [f64; 3])>>,
+}
+
+impl BesideEachOther {
+    /// Finds them, and gives their columns other names than those of the first run.
+    fn of(header: &mut [String], layout: &Layout) -> Self {
+        let all = Quantity::ALL.map(|quantity| {
+            let name = layout.names.of(quantity);
+            let found = (0..header.len()).filter(|at| header[*at] == name);
+            found.collect::<Vec<usize>>()
+        });
+        let count = all[0].len();
+        if count < 2 || all.iter().any(|found| found.len() != count) {
+            return Self::default();
+        }
+        for found in &all {
+            for (number, at) in found.iter().enumerate().skip(1) {
+                header[*at] += &format!(" ({})", number + 1);
+            }
+        }
+        Self {
+            places: (1..count)
+                .map(|run| [0, 1, 2].map(|at: usize| all[at][run]))
+                .collect(),
+            runs: vec![Vec::new(); count - 1],
+        }
+    }
+
+    /// Takes what a row has of them. A run that is over has empty fields, and a field that is no
+    /// number is none.
+    fn take(
+        &mut self,
+        record: &Row,
+        numbers: &mut Numbers,
+        columns: &Columns,
+    ) -> Result<(), InputError> {
+        for (places, run) in self.places.iter().zip(&mut self.runs) {
+            let fields = places.map(|place| record.field(place));
+            if fields.iter().any(|field| is_no_number(field)) {
+                continue;
+            }
+            let mut row = [0.0; 3];
+            for (number, field) in row.iter_mut().zip(&fields) {
+                *number = numbers.read(field, record.line(), "")?;
+            }
+            run.push((record.line(), columns.read(row)));
+        }
+        Ok(())
+    }
+
+    /// Whether a column is of one of them.
+    fn has(&self, column: usize) -> bool {
+        self.places.iter().flatten().any(|place| *place == column)
+    }
+
+    /// Whether the first run is over, and another goes on.
+    fn is_over(&self, fields: &[Cow<'_, str>; 3]) -> bool {
+        !self.places.is_empty() && fields.iter().all(|field| field.is_empty())
+    }
+
+    /// Puts them behind the first run.
+    fn append(self, samples: &mut Samples, path: &Path) {
+        let count = self.runs.len() + 1;
+        for run in self.runs {
+            for (line, [time, pressure, angle]) in run {
+                samples.time_s.push(time);
+                samples.pressure_kpa.push(pressure);
+                samples.angle_deg.push(angle);
+                samples.lines.push(samples.time_s.len() - 1, line);
+                for column in &mut samples.extra {
+                    column.fields.push(String::new());
+                }
+            }
+        }
+        if count > 1 {
+            samples.warnings.push(format!(
+                "{}: {count} runs stand side by side, and are read one after the other",
+                path.display()
+            ));
+        }
+    }
+}
+
 /// Largest share of the lines that may be no rows.
 const BAD_SHARE: f64 = 0.05;
 
@@ -190,6 +312,8 @@ struct BadLines {
     /// Lines that repeat the header.
     headers: Vec<u64>,
     first: Option<InputError>,
+    /// What is wrong with the last line, if it was cut off.
+    at_end: Option<InputError>,
 }
 
 impl BadLines {
@@ -202,6 +326,8 @@ impl BadLines {
     fn finish(self, samples: &mut Samples, path: &Path, layout: &Layout) -> Result<(), InputError> {
         let share = self.lines.len() as f64 / (samples.len() + self.lines.len()) as f64;
         if let Some(first) = self.first {
+            let is_only = self.lines.len() == 1;
+            let first = self.at_end.filter(|_| is_only).unwrap_or(first);
             if layout.strict || share > BAD_SHARE {
                 let more = self.lines.len() - 1;
                 return Err(match more {
@@ -256,6 +382,9 @@ const LINES_ABOVE: usize = 200;
 fn has_all(names: &[String], layout: &Layout) -> bool {
     if layout.names.are_positions() {
         return Quantity::ALL.into_iter().all(|quantity| {
+            if is_made(layout.names.of(quantity)) {
+                return true;
+            }
             let place = position(layout.names.of(quantity));
             let field = place.and_then(|place| names.get(place));
             field.is_some_and(|field| {
@@ -264,7 +393,8 @@ fn has_all(names: &[String], layout: &Layout) -> bool {
         });
     }
     let wanted = Quantity::ALL.map(|quantity| layout.names.of(quantity));
-    wanted.iter().all(|name| names.iter().any(|it| it == name))
+    let is_there = |name: &&str| names.iter().any(|it| it == name) || is_made(name);
+    wanted.iter().all(is_there)
 }
 
 /// The units in a row beneath the header, with a sentence about them; none if the row is no
@@ -392,6 +522,111 @@ mod tests {
             assert_eq!(samples.extra[0].fields, ["a", "b"], "{name}");
             assert_eq!(samples.warnings, Vec::<String>::new(), "{name}");
         }
+    }
+
+    /// A log as a terminal program keeps it: a banner, a torn line, garbage, a reset.
+    #[test]
+    fn logs_of_boards_are_read_and_bad_lines_are_counted() {
+        let row = |k: u32| format!("{},{}.5,{}", 20 * k, k % 7, k % 90);
+        let mut lines: Vec<String> = (0..400).map(row).collect();
+        lines[100] = "\u{fffd}\u{fffd}30,1,2".into();
+        lines[150] = "1.5,2".into();
+        for (place, line) in [(200, "time_s,pressure_kpa,angle_deg"), (200, "sensor ok")] {
+            lines.insert(place, line.into());
+        }
+        let head = "logger v0.3 (off)\nsensor init ... OK\ntime_s,pressure_kpa,angle_deg\n";
+        for (prefix, end) in [("", "\n"), ("14:02:00.000 -> ", "\r\n"), ("", "\r")] {
+            let whole: Vec<String> = head
+                .lines()
+                .map(str::to_owned)
+                .chain(lines.clone())
+                .map(|line| format!("{prefix}{line}{end}"))
+                .collect();
+            let text = whole.concat();
+            let layout = Layout::from(Columns::of_units("time=ms").unwrap());
+            let samples = read_as(text.as_bytes(), &layout).unwrap();
+            assert_eq!(samples.len(), 398, "{prefix:?} {end:?}");
+            let said: Vec<(What, usize, &str)> = samples
+                .left_out
+                .iter()
+                .map(|it| (it.what, it.count, it.places[0].as_str()))
+                .collect();
+            assert_eq!(
+                said,
+                [
+                    (What::BadLine, 3, "line 104"),
+                    (What::RepeatedHeader, 1, "line 205")
+                ]
+            );
+            assert_eq!(samples.lines.place(198), "line 206");
+            let strict = Layout {
+                strict: true,
+                ..layout
+            };
+            let said = read_as(text.as_bytes(), &strict).unwrap_err().to_string();
+            assert!(
+                said.contains("line 104") && said.contains("2 more"),
+                "{said}"
+            );
+        }
+        let mostly = "time_s,pressure_kpa,angle_deg\n0,1,2\nx,1,2\n1,1,2\n2,1,2\n";
+        assert!(refused(mostly).contains("line 3"));
+    }
+
+    #[test]
+    fn scales_rows_and_missing_inputs_are_said() {
+        let layout = |columns: &str, units: &str| Layout {
+            names: Names::parse(columns).unwrap(),
+            ..Layout::from(Columns::of_units(units).unwrap())
+        };
+        let free = layout("time=t / s,pressure=none,angle=&b_A1 / rad", "angle=rad");
+        let samples = read_as(b"t / s\t&b_A1 / rad\n0,0\t-2,5\n0,1\t1,0\n", &free).unwrap();
+        assert_eq!(samples.pressure_kpa, [0.0, 0.0]);
+        assert!((samples.angle_deg[1] - 57.295_78).abs() < 1e-4);
+        let mut rows = layout("time=#0,pressure=#2,angle=#3", "time=s*50");
+        rows.columns = rows
+            .columns
+            .or(Columns::of_scale("pressure=100:0,600:50").unwrap());
+        let samples = read_as(b"1 , 100 , 3\n1 , 200 , 4\n1 , 350 , 5\n", &rows).unwrap();
+        assert_eq!(samples.time_s, [0.0, 0.02, 0.04]);
+        assert_eq!(samples.pressure_kpa, [0.0, 10.0, 25.0]);
+        let text = b"t,p * 100,a\n0,200,1\n1,300,2\n";
+        let named = |units: &str| layout("time=t,pressure=p * 100,angle=a", units);
+        let said = read_as(text, &named("time=s")).unwrap_err().to_string();
+        assert!(said.contains("--units pressure=kpa*100"), "{said}");
+        let samples = read_as(text, &named("pressure=bar*100")).unwrap();
+        assert_eq!(samples.pressure_kpa, [200.0, 300.0]);
+        let again = crate::model_file::recording_layout(&rows.to_toml(), Path::new("m.toml"));
+        assert_eq!(again.unwrap(), rows);
+    }
+
+    #[test]
+    fn runs_side_by_side_are_read_one_after_the_other() {
+        let mut text = "time_s,pressure_kpa,angle_deg,time_s,pressure_kpa,angle_deg\n".to_owned();
+        for k in 0..40 {
+            let first = if k < 30 {
+                format!("{k},1,{k}")
+            } else {
+                ",,".into()
+            };
+            text += &format!("{first},{k},2,{}\n", 100 + k);
+        }
+        let samples = read_as(text.as_bytes(), &Layout::default()).unwrap();
+        assert_eq!(samples.len(), 70);
+        assert_eq!(samples.breaks, [30]);
+        assert_eq!(samples.pressure_kpa[29..31], [1.0, 2.0]);
+        assert_eq!(samples.lines.place(30), "line 2");
+        assert!(
+            samples.warnings[0].contains("2 runs"),
+            "{:?}",
+            samples.warnings
+        );
+    }
+
+    #[test]
+    fn what_a_board_says_while_it_starts_is_no_utf_16() {
+        let text = b"\xff\xfe\x00rst:0x1\r\nSD card online\r\ntime_s,pressure_kpa,angle_deg\r\n0,1,2\r\n1,1,2\r\n";
+        assert_eq!(read_as(text, &Layout::default()).unwrap().len(), 2);
     }
 
     #[test]
