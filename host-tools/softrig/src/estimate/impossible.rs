@@ -214,19 +214,19 @@ impl<'a> Signal<'a> {
     /// All that is not believed in this channel, in order; what is `excused` has a cause.
     fn impossible(&self, excused: &dyn Fn(usize) -> bool) -> Vec<Found> {
         let mut bad = vec![None; self.values.len()];
-        let equal: Vec<Range<usize>> = equal_runs(self.values).collect();
-        let runs = [
-            self.out_of_reach(),
-            self.repeated(&equal, excused),
-            self.frozen(&equal),
-        ];
-        for (run, why) in runs.into_iter().flatten() {
-            for sample in run {
+        let mark = |bad: &mut Vec<Option<Why>>, samples: &[usize], why: Why| {
+            for &sample in samples {
                 bad[sample].get_or_insert(why);
             }
+        };
+        let kept_of = |bad: &[Option<Why>]| -> Vec<usize> {
+            (0..bad.len()).filter(|&k| bad[k].is_none()).collect()
+        };
+        for (run, why) in self.out_of_reach() {
+            mark(&mut bad, &run.collect::<Vec<_>>(), why);
         }
         for _ in 0..PASSES {
-            let kept: Vec<usize> = (0..bad.len()).filter(|&k| bad[k].is_none()).collect();
+            let kept = kept_of(&bad);
             let found: Vec<usize> = self
                 .standing_out(&kept)
                 .chain(self.at_the_ends(&kept))
@@ -237,9 +237,11 @@ impl<'a> Signal<'a> {
             if found.is_empty() {
                 break;
             }
-            for sample in found {
-                bad[sample] = Some(Why::Isolated);
-            }
+            mark(&mut bad, &found, Why::Isolated);
+        }
+        // The shortest first: what lies between two of them is not one.
+        while let Some((samples, why)) = self.shortest_stuck(&kept_of(&bad), excused) {
+            mark(&mut bad, &samples, why);
         }
         stretches(&bad)
     }
@@ -319,49 +321,56 @@ impl<'a> Signal<'a> {
         found
     }
 
-    /// Runs of one value, entered and left by steps that no other sample makes.
-    fn repeated(&self, equal: &[Range<usize>], excused: &dyn Fn(usize) -> bool) -> Vec<Found> {
-        let values = self.values;
-        equal
-            .iter()
-            .filter(|run| !self.is_command && run.len() >= 2)
-            .filter(|run| run.start > 0 && run.end < values.len())
-            .filter(|run| {
-                let entered = values[run.start] - values[run.start - 1];
-                let left = values[run.end] - values[run.start];
-                let [larger, smaller] =
-                    [entered.abs().max(left.abs()), entered.abs().min(left.abs())];
-                entered * left < 0.0
-                    && smaller > self.limit()
-                    && larger - smaller < 0.5 * larger
-                    && !(*run).clone().any(excused)
-            })
-            .map(|run| (run.clone(), Why::Repeated))
-            .collect()
+    /// The shortest run of one value among the `kept` samples that is not believed.
+    fn shortest_stuck(
+        &self,
+        kept: &[usize],
+        excused: &dyn Fn(usize) -> bool,
+    ) -> Option<(Vec<usize>, Why)> {
+        let values: Vec<f64> = kept.iter().map(|&k| self.values[k]).collect();
+        let runs: Vec<Range<usize>> = equal_runs(&values).collect();
+        let longest_by_chance = Self::longest_by_chance(&runs, values.len());
+        let is_stuck = |run: &Range<usize>| -> Option<(Range<usize>, Why)> {
+            let value = values[run.start];
+            let left = values.get(run.end)? - value;
+            let entered = run.start.checked_sub(1).map(|k| value - values[k]);
+            if left.abs() <= self.limit() {
+                return None;
+            }
+            if entered.is_some_and(|entered| self.goes_and_comes(entered, left))
+                && !run.clone().any(|k| excused(kept[k]))
+            {
+                return Some((run.clone(), Why::Repeated));
+            }
+            // The first of them was measured.
+            let is_long = longest_by_chance.is_some_and(|most| run.len() as f64 > most);
+            is_long.then(|| (run.start + 1..run.end, Why::Frozen))
+        };
+        runs.iter()
+            .filter(|run| run.len() >= 2)
+            .filter_map(is_stuck)
+            .min_by_key(|(run, _)| run.len())
+            .map(|(run, why)| (kept[run].to_vec(), why))
     }
 
-    /// Runs of one value that are too long for the noise of the channel, and end with a step that
-    /// no other sample makes: the channel catches up with what went on.
-    fn frozen(&self, equal: &[Range<usize>]) -> Vec<Found> {
-        let is_long = |run: &&Range<usize>| run.len() >= FROZEN;
-        let short = || equal.iter().filter(|run| !is_long(run));
-        let samples: usize = short().map(ExactSizeIterator::len).sum();
-        let share = (samples - short().count()) as f64 / samples.max(1) as f64;
-        let by_chance = libm::log(self.values.len() as f64) / -libm::log(share.max(1e-3));
-        // A channel that rests to the last digit elsewhere may rest here.
-        if share > QUIET || 2 * samples < self.values.len() {
-            return Vec::new();
-        }
-        equal
-            .iter()
-            .filter(|run| is_long(run) && run.len() as f64 > APART * (by_chance + 1.0))
-            .filter(|run| {
-                let next = self.values.get(run.end);
-                next.is_some_and(|next| (next - self.values[run.start]).abs() > self.limit())
-            })
-            // The first of them was measured.
-            .map(|run| (run.start + 1..run.end, Why::Frozen))
-            .collect()
+    /// Whether a value was entered and left by steps that no other sample makes, there and back.
+    fn goes_and_comes(&self, entered: f64, left: f64) -> bool {
+        let [larger, smaller] = [entered.abs().max(left.abs()), entered.abs().min(left.abs())];
+        !self.is_command
+            && entered * left < 0.0
+            && smaller > self.limit()
+            && larger - smaller < 0.5 * larger
+    }
+
+    /// How long a run of one value can be in a channel with noise, at least [`FROZEN`]; none where
+    /// it rests to the last digit elsewhere, and may rest there.
+    fn longest_by_chance(runs: &[Range<usize>], samples: usize) -> Option<f64> {
+        let short = || runs.iter().filter(|run| run.len() < FROZEN);
+        let in_short: usize = short().map(ExactSizeIterator::len).sum();
+        let share = (in_short - short().count()) as f64 / in_short.max(1) as f64;
+        let by_chance = libm::log(samples as f64) / -libm::log(share.max(1e-3));
+        let is_noisy = share <= QUIET && 2 * in_short >= samples;
+        is_noisy.then(|| (APART * (by_chance + 1.0)).max(FROZEN as f64 - 1.0))
     }
 
     /// The step from one sample to the next that no motion makes.
@@ -603,6 +612,18 @@ mod tests {
             wild.angle[sample + 31] = -9_999.0;
         }
         assert_eq!(found(&wild, Channel::Angle).len(), 10);
+    }
+
+    /// A rest of a converter without noise lies between them.
+    #[test]
+    fn what_lies_between_two_dropouts_is_believed() {
+        let mut rest = steps(0.0);
+        for angle in &mut rest.angle {
+            *angle = (*angle / 0.02).round() * 0.02;
+        }
+        rest.angle[850] = 0.0;
+        rest.angle[900..905].fill(0.0);
+        assert_eq!(found(&rest, Channel::Angle), [(850, 1), (900, 5)]);
     }
 
     #[test]
