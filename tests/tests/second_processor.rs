@@ -75,6 +75,9 @@ fn script() -> String {
         // The retracted switch answers, and lets go again.
         "9.5 pin E4 1".to_owned(),
         "10.2 pin E4 0".to_owned(),
+        // The sensor shows what is pushed in at the start position, and that the vent lets it out.
+        "13.7 counts 0 111".to_owned(),
+        "16.1 counts 0 102".to_owned(),
     ];
     let mut id = 0;
     let mut say = |seconds: f64, command: Order| {
@@ -98,26 +101,26 @@ fn script() -> String {
     say(2.1, Order::Save);
     say(6.5, Order::Get(Key::Damping));
     say(7.0, Order::Arm);
-    for quarter in 30..80 {
-        if quarter != 60 {
+    for quarter in 30..104 {
+        if quarter != 84 {
             say(f64::from(quarter) * 0.25 + 0.1, Order::Beat);
         }
     }
-    say(14.0, Order::Load(1));
+    say(20.0, Order::Load(1));
     let segment = Segment::Ramp {
         mode: ControlMode::AngleOpenLoop,
         level: Hundredths(1_000),
         duration_ms: 2_000,
     };
-    say(14.2, Order::Segment { index: 0, segment });
-    say(14.4, Order::Run(None));
-    say(17.0, Order::Status);
-    say(20.0, Order::Stop);
-    say(20.3, Order::Clear);
-    say(20.6, Order::Status);
-    say(21.0, Order::SelfTest);
+    say(20.2, Order::Segment { index: 0, segment });
+    say(20.4, Order::Run(None));
+    say(23.0, Order::Status);
+    say(26.0, Order::Stop);
+    say(26.3, Order::Clear);
+    say(26.6, Order::Status);
+    say(27.0, Order::SelfTest);
     lines.sort_by(|a, b| time(a).total_cmp(&time(b)));
-    lines.push("34 end\n".to_owned());
+    lines.push("40 end\n".to_owned());
     lines.join("\n")
 }
 
