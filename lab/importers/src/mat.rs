@@ -524,9 +524,7 @@ mod tests {
             ];
             element(MATRIX, &parts.concat())
         };
-        let wide: Vec<f64> = (0..130)
-            .flat_map(|k| [f64::from(k), 1.0, 2.0])
-            .collect();
+        let wide: Vec<f64> = (0..130).flat_map(|k| [f64::from(k), 1.0, 2.0]).collect();
         let bytes = file(&[
             cell(&[
                 doubles("", [3, 1], &[0.0, 1.0, 2.0]),
