@@ -395,6 +395,30 @@ impl Sheet {
         self.columns.iter().map(|(name, _)| name.clone()).collect()
     }
 
+    /// How many values each of three columns has.
+    fn same_length(
+        &self,
+        places: [usize; 3],
+        layout: &Layout,
+        what: &str,
+    ) -> Result<usize, InputError> {
+        let count = self.columns[places[0]].1.len();
+        for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
+            let (name, found) = (&self.columns[place].0, self.columns[place].1.len());
+            if found != count {
+                return Err(InputError::new(
+                    format!(
+                        "{what} {name} has {found} values, and {} has {count}",
+                        layout.names.of(Quantity::Time)
+                    ),
+                    "give them one value a sample each, taken at the same times",
+                )
+                .in_column(layout.names.of(quantity)));
+            }
+        }
+        Ok(count)
+    }
+
     /// Makes the columns that nobody recorded, which are behind the last: a pressure of zero, and
     /// the number of the row.
     fn make_columns(&mut self, mut places: [usize; 3], layout: &Layout) -> [usize; 3] {
@@ -475,23 +499,9 @@ impl Sheet {
             .and_then(|()| names::find(&header, layout, what))
             .map_err(|error| self.with_unread(error).in_file(path))?;
         let places = self.make_columns(places, layout);
-        let header = self.names();
-        let count = self.columns[places[0]].1.len();
-        for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
-            let found = self.columns[place].1.len();
-            if found != count {
-                return Err(InputError::new(
-                    format!(
-                        "{what} {} has {found} values, and {} has {count}",
-                        header[place],
-                        layout.names.of(Quantity::Time)
-                    ),
-                    "give them one value a sample each, taken at the same times",
-                )
-                .in_file(path)
-                .in_column(layout.names.of(quantity)));
-            }
-        }
+        let count = self
+            .same_length(places, layout, what)
+            .map_err(|error| error.in_file(path))?;
         limits
             .check(count as u64, self.columns.len())
             .map_err(|error| error.in_file(path))?;

@@ -82,20 +82,10 @@ pub fn read(
         }
         bad.at_end = None;
         let fields = places.map(|column| record.field(column));
-        if std::mem::take(&mut first) {
-            let said = units_row(&fields, layout).map_err(place)?;
-            if let Some((said, remark)) = said {
-                samples.columns = layout.columns.or(said);
-                let path = path.display();
-                samples
-                    .warnings
-                    .push(format!("{path}, line {line}: is a row of units: {remark}"));
-                samples.check_units_in_names(layout).map_err(place)?;
-                continue;
-            }
-            samples
-                .check_units_in_names(layout)
-                .map_err(|error| error.in_file(path).at_line(header_line))?;
+        if std::mem::take(&mut first)
+            && samples.is_row_of_units(&fields, layout, path, [header_line, line])?
+        {
+            continue;
         }
         let made = places.map(|place| place >= header.len());
         beside.take(&record, &mut numbers, &samples.columns)?;
@@ -162,6 +152,29 @@ fn open<'a, R: Read>(
 }
 
 impl Samples {
+    /// Takes the units of the first row, if it is one of units; the lines are those of the header
+    /// and of the row.
+    fn is_row_of_units(
+        &mut self,
+        fields: &[Cow<'_, str>; 3],
+        layout: &Layout,
+        path: &Path,
+        [header, line]: [u64; 2],
+    ) -> Result<bool, InputError> {
+        let at = |line: u64| move |error: InputError| error.in_file(path).at_line(line);
+        let Some((said, remark)) = units_row(fields, layout).map_err(at(line))? else {
+            self.check_units_in_names(layout).map_err(at(header))?;
+            return Ok(false);
+        };
+        self.columns = layout.columns.or(said);
+        self.warnings.push(format!(
+            "{}, line {line}: is a row of units: {remark}",
+            path.display()
+        ));
+        self.check_units_in_names(layout).map_err(at(line))?;
+        Ok(true)
+    }
+
     /// Writes the numbers of optional columns with decimal points.
     fn write_points(&mut self) {
         let fields = self.extra.iter_mut().flat_map(|it| &mut it.fields);
