@@ -33,8 +33,9 @@ use crate::recording::pause_s;
 const FOLLOWS: f64 = 10.0;
 /// Rows that stand so far from where they belong are out of order; farther, it is another run.
 const UNSORTED: usize = 100;
-/// Fewest samples a run, on average, of a file in which the clock begins again.
-const FEWEST_A_RUN: usize = 10;
+/// Fewest samples a run, on average, of a file in which the clock begins again: shorter runs show
+/// no motion.
+const FEWEST_A_RUN: usize = 20;
 /// Largest share of rows whose time fits nowhere.
 const MISFITS: f64 = 0.05;
 
