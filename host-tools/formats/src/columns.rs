@@ -536,8 +536,9 @@ impl Names {
     /// header.
     pub fn are_positions(&self) -> bool {
         let all = Quantity::ALL.map(|quantity| self.of(quantity));
-        let is_somewhere = |name: &&str| position(name).is_some();
-        all.iter().any(is_somewhere) && all.iter().all(|name| is_somewhere(&name) || is_made(name))
+        let is_somewhere = |name: &str| position(name).is_some();
+        all.iter().any(|name| is_somewhere(name))
+            && all.iter().all(|name| is_somewhere(name) || is_made(name))
     }
 
     /// Says which column holds a quantity (`pressure`) or an optional column

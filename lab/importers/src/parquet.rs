@@ -102,15 +102,9 @@ fn sheet(
     });
     let durations = arrow.map_or_else(Vec::new, |text| arrow::durations(&text));
     for (place, column) in schema.columns().iter().enumerate() {
-        if column.max_rep_level() > 0 || column.path().parts().len() > 1 {
-            // A list or a record in each row: no sensor's column.
+        if let Some(is) = nested(column) {
             let name = column.path().parts()[0].clone();
             if !sheet.unread.iter().any(|(known, _)| *known == name) {
-                let is = if column.max_rep_level() > 0 {
-                    "a column of lists"
-                } else {
-                    "a column of records"
-                };
                 sheet.unread.push((name, is.to_owned()));
             }
             continue;
@@ -152,19 +146,34 @@ fn sheet(
             sheet.unread.push((name.to_owned(), type_of(column)));
         }
     }
-    if !sheet.unread.is_empty() {
-        let all: Vec<String> = sheet
-            .unread
-            .iter()
-            .map(|(name, is)| format!("{name} ({is})"))
-            .collect();
-        sheet.warnings.push(format!(
-            "{}: not read, and left out: {}",
-            path.display(),
-            all.join(", ")
-        ));
-    }
+    say_unread(&mut sheet, path);
     Ok(sheet)
+}
+
+/// What a column is that has a list or a record in each row, and so is no sensor's.
+fn nested(column: &ColumnDescriptor) -> Option<&'static str> {
+    match (column.max_rep_level(), column.path().parts().len()) {
+        (0, 1) => None,
+        (0, _) => Some("a column of records"),
+        _ => Some("a column of lists"),
+    }
+}
+
+/// Says which columns are left out.
+fn say_unread(sheet: &mut Sheet, path: &Path) {
+    if sheet.unread.is_empty() {
+        return;
+    }
+    let all: Vec<String> = sheet
+        .unread
+        .iter()
+        .map(|(name, is)| format!("{name} ({is})"))
+        .collect();
+    sheet.warnings.push(format!(
+        "{}: not read, and left out: {}",
+        path.display(),
+        all.join(", ")
+    ));
 }
 
 /// The unit of a column of time stamps.

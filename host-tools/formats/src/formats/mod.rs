@@ -395,6 +395,51 @@ impl Sheet {
         self.columns.iter().map(|(name, _)| name.clone()).collect()
     }
 
+    /// How many values each of three columns has.
+    fn same_length(
+        &self,
+        places: [usize; 3],
+        layout: &Layout,
+        what: &str,
+    ) -> Result<usize, InputError> {
+        let count = self.columns[places[0]].1.len();
+        for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
+            let (name, found) = (&self.columns[place].0, self.columns[place].1.len());
+            if found != count {
+                return Err(InputError::new(
+                    format!(
+                        "{what} {name} has {found} values, and {} has {count}",
+                        layout.names.of(Quantity::Time)
+                    ),
+                    "give them one value a sample each, taken at the same times",
+                )
+                .in_column(layout.names.of(quantity)));
+            }
+        }
+        Ok(count)
+    }
+
+    /// Makes the columns that nobody recorded, which are behind the last: a pressure of zero, and
+    /// the number of the row.
+    fn make_columns(&mut self, mut places: [usize; 3], layout: &Layout) -> [usize; 3] {
+        let width = self.columns.len();
+        let mut recorded = places.iter().filter(|place| **place < width);
+        let rows = recorded
+            .next()
+            .map_or(0, |place| self.columns[*place].1.len());
+        for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {
+            if *place < width {
+                continue;
+            }
+            let name = layout.names.of(quantity);
+            let value = |row: usize| if name == ROW { row as f64 } else { 0.0 };
+            *place = self.columns.len();
+            let numbers = Values::Numbers((0..rows).map(value).collect(), Decimals::Various);
+            self.columns.push((name.to_owned(), numbers));
+        }
+        places
+    }
+
     /// Refuses a column that is there and cannot be read, by its name and type.
     fn check_unread(
         &self,
@@ -453,39 +498,10 @@ impl Sheet {
             .check_unread(&header, layout, what)
             .and_then(|()| names::find(&header, layout, what))
             .map_err(|error| self.with_unread(error).in_file(path))?;
-        // Columns that nobody recorded are made.
-        let rows = places.iter().filter(|place| **place < header.len());
-        let rows = rows
-            .map(|place| self.columns[*place].1.len())
-            .next()
-            .unwrap_or(0);
-        let mut places = places;
-        for (quantity, place) in Quantity::ALL.into_iter().zip(&mut places) {
-            if *place >= header.len() {
-                let name = layout.names.of(quantity);
-                let value = |row: usize| if name == ROW { row as f64 } else { 0.0 };
-                *place = self.columns.len();
-                let numbers = Values::Numbers((0..rows).map(value).collect(), Decimals::Various);
-                self.columns.push((name.to_owned(), numbers));
-            }
-        }
-        let header = self.names();
-        let count = self.columns[places[0]].1.len();
-        for (quantity, place) in Quantity::ALL.into_iter().zip(places) {
-            let found = self.columns[place].1.len();
-            if found != count {
-                return Err(InputError::new(
-                    format!(
-                        "{what} {} has {found} values, and {} has {count}",
-                        header[place],
-                        layout.names.of(Quantity::Time)
-                    ),
-                    "give them one value a sample each, taken at the same times",
-                )
-                .in_file(path)
-                .in_column(layout.names.of(quantity)));
-            }
-        }
+        let places = self.make_columns(places, layout);
+        let count = self
+            .same_length(places, layout, what)
+            .map_err(|error| error.in_file(path))?;
         limits
             .check(count as u64, self.columns.len())
             .map_err(|error| error.in_file(path))?;

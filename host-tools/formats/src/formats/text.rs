@@ -14,7 +14,7 @@ use crate::columns::{Columns, Layout, Quantity, ROW, TimeUnit, Unit, is_made, po
 use crate::error::InputError;
 use crate::left_out::{LeftOut, What};
 use crate::recording::Column;
-use crate::table::{Numbers, Row, Rows, Wanted, is_with_comma, seems_number};
+use crate::table::{Header, Numbers, Row, Rows, Wanted, is_with_comma, seems_number};
 
 /// Reads a table, as far as `limits` allow; it is never held whole.
 ///
@@ -27,18 +27,7 @@ pub fn read(
     layout: &Layout,
     limits: Limits,
 ) -> Result<Samples, InputError> {
-    let wanted = Wanted {
-        names: &|names| has_all(names, layout),
-        // What is skipped is said to end above the header.
-        lines_above: if layout.skip_rows.is_some() {
-            0
-        } else {
-            LINES_ABOVE
-        },
-        skipped: layout.skip_rows.unwrap_or_default(),
-        is_headless: layout.names.are_positions(),
-    };
-    let Some((header, mut rows)) = Rows::open(text, path, limits, wanted)? else {
+    let Some((header, mut rows)) = open(text, path, layout, limits)? else {
         return Err(InputError::new(
             "is empty",
             "record it again, or leave it out of the command",
@@ -71,8 +60,7 @@ pub fn read(
     let is_lvm = header.first().is_some_and(|name| name == "X_Value")
         && header.last().is_some_and(|name| name == "Comment");
     let mut bad = BadLines::default();
-    // The width of the row before, and how many rows are as short as the one before them.
-    let mut short = (header.len(), 0_u64);
+    let mut short = ShortRows::default();
     while rows.next(&mut record)? {
         let line = record.line();
         // What is known to stand elsewhere stays there.
@@ -85,14 +73,7 @@ pub fn read(
             continue;
         }
         let is_without_comment = is_lvm && record.width() + 1 == header.len();
-        // Rows that lack columns which nobody wants, one after the other, are no damage.
-        let has_wanted = places
-            .iter()
-            .all(|place| *place < record.width() || *place >= header.len());
-        let is_short = record.width() < header.len() && has_wanted;
-        let goes_on = is_short && short.0 == record.width();
-        short.0 = record.width();
-        short.1 += u64::from(goes_on);
+        let goes_on = short.goes_on(record.width(), header.len(), places);
         if record.width() != header.len() && !is_without_comment && !goes_on {
             let of = |last| place(wrong_length(record.width(), header.len(), last));
             bad.take(line, of(false));
@@ -101,20 +82,10 @@ pub fn read(
         }
         bad.at_end = None;
         let fields = places.map(|column| record.field(column));
-        if std::mem::take(&mut first) {
-            let said = units_row(&fields, layout).map_err(place)?;
-            if let Some((said, remark)) = said {
-                samples.columns = layout.columns.or(said);
-                let path = path.display();
-                samples
-                    .warnings
-                    .push(format!("{path}, line {line}: is a row of units: {remark}"));
-                samples.check_units_in_names(layout).map_err(place)?;
-                continue;
-            }
-            samples
-                .check_units_in_names(layout)
-                .map_err(|error| error.in_file(path).at_line(header_line))?;
+        if std::mem::take(&mut first)
+            && samples.is_row_of_units(&fields, layout, path, [header_line, line])?
+        {
+            continue;
         }
         let made = places.map(|place| place >= header.len());
         beside.take(&record, &mut numbers, &samples.columns)?;
@@ -142,34 +113,76 @@ pub fn read(
     }
     bad.finish(&mut samples, path, layout)?;
     beside.append(&mut samples, path);
-    if short.1 > 0 && !is_lvm {
-        samples.warnings.push(format!(
-            "{}: {} rows have fewer fields than the header; what is wanted is in them",
-            path.display(),
-            short.1
-        ));
+    if !is_lvm {
+        short.say(&mut samples, path);
     }
     numbers.check().map_err(|error| error.in_file(path))?;
     if numbers.have_commas() {
-        let fields = samples.extra.iter_mut().flat_map(|it| &mut it.fields);
-        for field in fields.filter(|field| is_with_comma(field)) {
-            *field = field.replace(',', ".");
-        }
+        samples.write_points();
     }
     samples.forget_converted_decimals();
     samples
         .finish(path, layout, InputError::at_line)
         .map_err(|error| error.in_file(path))?;
     if !rows.end_with_line() {
-        samples.warnings.push(format!(
-            "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
-            path.display()
-        ));
+        samples.warnings.push(not_ended(path));
     }
     Ok(samples)
 }
 
+/// Finds the header of a recording in a table.
+fn open<'a, R: Read>(
+    text: R,
+    path: &'a Path,
+    layout: &Layout,
+    limits: Limits,
+) -> Result<Option<(Header, Rows<'a, R>)>, InputError> {
+    let wanted = Wanted {
+        names: &|names| has_all(names, layout),
+        // What is skipped is said to end above the header.
+        lines_above: if layout.skip_rows.is_some() {
+            0
+        } else {
+            LINES_ABOVE
+        },
+        skipped: layout.skip_rows.unwrap_or_default(),
+        is_headless: layout.names.are_positions(),
+    };
+    Rows::open(text, path, limits, wanted)
+}
+
 impl Samples {
+    /// Takes the units of the first row, if it is one of units; the lines are those of the header
+    /// and of the row.
+    fn is_row_of_units(
+        &mut self,
+        fields: &[Cow<'_, str>; 3],
+        layout: &Layout,
+        path: &Path,
+        [header, line]: [u64; 2],
+    ) -> Result<bool, InputError> {
+        let at = |line: u64| move |error: InputError| error.in_file(path).at_line(line);
+        let Some((said, remark)) = units_row(fields, layout).map_err(at(line))? else {
+            self.check_units_in_names(layout).map_err(at(header))?;
+            return Ok(false);
+        };
+        self.columns = layout.columns.or(said);
+        self.warnings.push(format!(
+            "{}, line {line}: is a row of units: {remark}",
+            path.display()
+        ));
+        self.check_units_in_names(layout).map_err(at(line))?;
+        Ok(true)
+    }
+
+    /// Writes the numbers of optional columns with decimal points.
+    fn write_points(&mut self) {
+        let fields = self.extra.iter_mut().flat_map(|it| &mut it.fields);
+        for field in fields.filter(|field| is_with_comma(field)) {
+            *field = field.replace(',', ".");
+        }
+    }
+
     /// The three numbers in the fields of a row.
     fn numbers_in(
         &mut self,
@@ -210,6 +223,43 @@ impl Samples {
             self.decimals[quantity as usize].count(field);
         }
         Ok(row)
+    }
+}
+
+/// Says that the last line has no end.
+fn not_ended(path: &Path) -> String {
+    format!(
+        "{}: the last line has no line end; if the recording was cut off there, its last value may be wrong",
+        path.display()
+    )
+}
+
+/// Rows that lack columns which nobody wants, one after the other: they are no damage.
+#[derive(Default)]
+struct ShortRows {
+    /// The width of the row before.
+    width: usize,
+    count: u64,
+}
+
+impl ShortRows {
+    /// Whether a row is as short as the one before it, and has what is wanted.
+    fn goes_on(&mut self, width: usize, full: usize, places: [usize; 3]) -> bool {
+        let has_wanted = places.iter().all(|place| *place < width || *place >= full);
+        let goes_on = width < full && has_wanted && self.width == width;
+        self.width = width;
+        self.count += u64::from(goes_on);
+        goes_on
+    }
+
+    fn say(&self, samples: &mut Samples, path: &Path) {
+        if self.count > 0 {
+            samples.warnings.push(format!(
+                "{}: {} rows have fewer fields than the header; what is wanted is in them",
+                path.display(),
+                self.count
+            ));
+        }
     }
 }
 
@@ -365,13 +415,12 @@ fn is_header_again(row: &Row, header: &[String]) -> bool {
 /// Whether a field is no number, in whatever country: what is written in another way than the rest
 /// is no damage.
 fn is_no_number(field: &str) -> bool {
-    match field.replace(',', ".").parse::<f64>() {
-        Ok(number) => number.is_nan() || number.abs() > LARGEST_NUMBER,
-        Err(_) => {
-            let is_of_number = |c: char| c.is_ascii_digit() || "+-.,".contains(c);
-            !(field.contains(',') && field.chars().all(is_of_number)) && !stamps::is_like_one(field)
-        }
+    if let Ok(number) = field.replace(',', ".").parse::<f64>() {
+        return number.is_nan() || number.abs() > LARGEST_NUMBER;
     }
+    let is_of_number = |c: char| c.is_ascii_digit() || "+-.,".contains(c);
+    let is_dialect = field.contains(',') && field.chars().all(is_of_number);
+    !(is_dialect || stamps::is_like_one(field))
 }
 
 /// Most lines above the header: those of LabVIEW and of loggers are some dozens.

@@ -59,8 +59,7 @@ fn may_be_prefix(held: &[u8]) -> bool {
 
 /// Whether it is a time of the day: two colons between digits.
 fn is_stamp(text: &[u8]) -> bool {
-    text.iter().filter(|byte| **byte == b':').count() == 2
-        && text.first().is_some_and(u8::is_ascii_digit)
+    text.split(|byte| *byte == b':').count() == 3 && text.first().is_some_and(u8::is_ascii_digit)
 }
 
 impl<R: Read> Read for Unprefixed<R> {
