@@ -223,6 +223,7 @@ impl Homing {
     }
 
     /// Lets one control period pass; `pressure` is the smoothed reading (Pa).
+    #[allow(clippy::too_many_lines)] // A row for each phase.
     pub fn step(&mut self, config: &Config, inputs: &Inputs, pressure: f32) -> Progress {
         if let Some(progress) = self.look(config, inputs, pressure) {
             return progress;
@@ -354,6 +355,7 @@ impl Homing {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_possible_truncation)]
 mod tests {
     extern crate std;
     use super::*;

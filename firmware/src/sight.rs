@@ -112,7 +112,7 @@ struct Blocks {
     count: u8,
     /// The last three, the newest first.
     means: [f32; 3],
-    blocks: u8,
+    completed: u8,
 }
 
 impl Blocks {
@@ -122,7 +122,7 @@ impl Blocks {
             sum: 0.0,
             count: 0,
             means: [0.0; 3],
-            blocks: 0,
+            completed: 0,
         }
     }
 
@@ -137,7 +137,7 @@ impl Blocks {
         self.means = [self.sum / f32::from(self.length), newest, before];
         self.sum = 0.0;
         self.count = 0;
-        self.blocks = self.blocks.saturating_add(1);
+        self.completed = self.completed.saturating_add(1);
         true
     }
 
@@ -149,7 +149,7 @@ impl Blocks {
     /// Twice in a row: late and warm air has a peak, at which it does once.
     fn stands_still(&self) -> bool {
         let [_, before, first] = self.means;
-        self.blocks >= 3 && self.gained().abs() < STILL_PA && (before - first).abs() < STILL_PA
+        self.completed >= 3 && self.gained().abs() < STILL_PA && (before - first).abs() < STILL_PA
     }
 }
 
@@ -259,7 +259,7 @@ impl Sight {
         let is_read = self.periods > SETTLING && self.blocks.update(pressure);
         match self.phase {
             // The plunger may just have come to rest, and its last air is on the way out.
-            Phase::Zero if is_read && self.blocks.blocks >= 2 && self.is_still() => {
+            Phase::Zero if is_read && self.blocks.completed >= 2 && self.is_still() => {
                 self.zero = self.blocks.means[0];
                 self.enter(Phase::Push);
             }
@@ -320,12 +320,12 @@ impl Sight {
 
     /// Whether the last two blocks agree, or were waited for long enough.
     fn is_still(&self) -> bool {
-        self.blocks.gained().abs() < STILL_PA || self.blocks.blocks >= MOST_BLOCKS
+        self.blocks.gained().abs() < STILL_PA || self.blocks.completed >= MOST_BLOCKS
     }
 
     /// Whether the reading stands still, or was waited for long enough.
     fn is_risen(&self) -> bool {
-        self.blocks.stands_still() || self.blocks.blocks >= MOST_BLOCKS
+        self.blocks.stands_still() || self.blocks.completed >= MOST_BLOCKS
     }
 
     /// The zero has to be where it was.
@@ -361,6 +361,7 @@ mod tests {
 
     /// A rig with the plunger at its start.
     #[derive(Clone, Copy, Debug)]
+    #[allow(clippy::struct_excessive_bools)] // Each is a fault, and all combine.
     struct Rig {
         /// Air behind the plunger (µl).
         air: f64,

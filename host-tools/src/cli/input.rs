@@ -93,9 +93,10 @@ pub struct InputArgs {
 /// Names file, line, column and remedy.
 pub fn layout_of_folder() -> Result<Layout, InputError> {
     let path = rig_file();
-    match path.is_file() {
-        true => recording_layout(&read_text(path)?, path),
-        false => Ok(Layout::default()),
+    if path.is_file() {
+        recording_layout(&read_text(path)?, path)
+    } else {
+        Ok(Layout::default())
     }
 }
 

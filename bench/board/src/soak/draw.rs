@@ -185,13 +185,12 @@ impl Misfortune {
             Fault::RetractedSwitch => &[L::EndSwitch, L::RetractedSwitch, L::Stall, L::Reach],
             Fault::VentShut => &[L::Vent, L::Stall, L::OverPressure],
             Fault::Noise | Fault::Unplugged => &[L::HostLost],
-            Fault::Mains => &[],
             Fault::EmergencyStop => &[L::EmergencyStop],
             Fault::BrownOut => &[L::BrownOut, L::Restart],
             Fault::Hang => &[L::Watchdog],
             Fault::Deaf => &[L::Watchdog, L::Restart],
             Fault::LowSupply => &[L::Supply],
-            Fault::PowerCut => &[],
+            Fault::Mains | Fault::PowerCut => &[],
         };
         known.iter().any(|fault| fault.code() == code)
     }
