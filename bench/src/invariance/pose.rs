@@ -32,7 +32,7 @@ pub struct Question {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Posed {
     /// Ask it.
-    Question(Question),
+    Question(Box<Question>),
     /// It would be the plain question again, or one about another model.
     LeftOut(String),
 }
@@ -99,7 +99,7 @@ pub fn pose(
             }
         }
     }
-    Ok(Posed::Question(question))
+    Ok(Posed::Question(Box::new(question)))
 }
 
 /// The model that a stranger would begin with.
@@ -213,7 +213,7 @@ mod tests {
 
     fn asked(case: &Case, way: Way, folder: &Path) -> Question {
         match pose(case, way, &folder.join(way.name()), &never).unwrap() {
-            Posed::Question(question) => question,
+            Posed::Question(question) => *question,
             Posed::LeftOut(why) => panic!("{way:?}: {why}"),
         }
     }

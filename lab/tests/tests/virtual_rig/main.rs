@@ -4,7 +4,6 @@
 
 mod commission;
 #[path = "../../../../host-tools/tests/common/mod.rs"]
-#[allow(dead_code)] // The tests of the command use more of it.
 mod common;
 mod flash;
 mod served;
