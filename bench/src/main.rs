@@ -8,6 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use serde_json::Value;
+use softrig_bench::invariance::ways::Way;
 use softrig_bench::invariance::{calibration, known, run as invariance};
 use softrig_bench::rig_loop::{bench as rig_loop, decide};
 use softrig_bench::{blind, catalogue, commands, diagnosis, many, pages, pictures, real, simulate};
@@ -48,6 +49,8 @@ enum Benchmark {
     Commands(commands::Options),
     Decide(decide::Options),
     Diagnosis(diagnosis::Options),
+    /// The same question, with recordings that cables, sensors and loggers made dirty
+    Dirt(invariance::Options),
     Invariance(invariance::Options),
     Loop(rig_loop::Options),
     Many(many::Options),
@@ -81,7 +84,10 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
     let target = &args.target;
     let without_a_page = matches!(
         args.benchmark,
-        Benchmark::Diagnosis(_) | Benchmark::Invariance(_) | Benchmark::Simulate
+        Benchmark::Diagnosis(_)
+            | Benchmark::Dirt(_)
+            | Benchmark::Invariance(_)
+            | Benchmark::Simulate
     );
     if args.docs && without_a_page {
         return Err("docs/ has nothing of this benchmark: leave out --docs".into());
@@ -93,7 +99,8 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
         Benchmark::Commands(options) => options.measure(&target.join("bench/commands")),
         Benchmark::Decide(options) => options.measure(&target.join("decide")),
         Benchmark::Diagnosis(options) => options.measure(&target.join("bench/example")),
-        Benchmark::Invariance(options) => options.measure(target),
+        Benchmark::Dirt(options) => options.measure(target, "dirt", &Way::DIRTY),
+        Benchmark::Invariance(options) => options.measure(target, "invariance", &Way::OTHERS),
         Benchmark::Loop(options) => options.measure(&target.join("loop")),
         Benchmark::Many(options) => options.measure(&target.join("bench/many")),
         Benchmark::Real(options) => options.measure(&target.join("real"), args.docs),

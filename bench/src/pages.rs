@@ -21,7 +21,7 @@ macro_rules! template {
     };
 }
 
-const PAGES: [Page; 11] = [
+const PAGES: [Page; 12] = [
     ("blind", &["blind.md"], template!("blind.md")),
     (
         "calibration",
@@ -37,6 +37,7 @@ const PAGES: [Page; 11] = [
     ("control", &[], template!("control.md")),
     ("decide", &["decide.md"], template!("decide.md")),
     ("diagnosis", &[], template!("diagnosis.md")),
+    ("dirt", &[], template!("invariance.md")),
     ("invariance", &[], template!("invariance.md")),
     ("loop", &["loop.md"], template!("loop.md")),
     ("many", &[], template!("many.md")),

@@ -22,13 +22,14 @@ const PYTHON_PACKAGES: [&str; 3] = ["numpy", "scipy", "numba"];
 const PROGRAM: &str = "softrig-bench";
 
 /// Its benchmarks, and `catalogue` and `pages`, which write pages from the code and from figures of earlier runs.
-const NAMES: [&str; 11] = [
+const NAMES: [&str; 12] = [
     "blind",
     "calibration",
     "catalogue",
     "commands",
     "decide",
     "diagnosis",
+    "dirt",
     "invariance",
     "loop",
     "many",

@@ -86,6 +86,8 @@ Tasks:
                          the same question asked otherwise (another seed, order,
                          first model, …): is the answer the same? Needs no labels;
                          --help lists the options
+  bench dirt [OPTIONS]   the same with recordings that cables, sensors and loggers
+                         made dirty in fourteen ways
   bench calibration [OPTIONS]
                          of what is stated with 95 %, how much is right? On
                          drawn cases; --docs writes it into docs/diagnosis.md

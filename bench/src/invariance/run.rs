@@ -25,7 +25,8 @@ Examples:
   cargo xtask bench invariance
   cargo xtask bench invariance --sets bench --limit 12 --ways seed,order,units
   cargo xtask bench invariance --folder my-rigs --known my-rigs/known.json
-  cargo xtask bench invariance --sets rigs,real --at-least same=0.9,contradicting=0.02")]
+  cargo xtask bench invariance --sets rigs,real --at-least same=0.9,contradicting=0.02
+  cargo xtask bench dirt --sets cases --limit 6")]
 pub struct Options {
     #[command(flatten)]
     choice: Choice,
@@ -39,16 +40,16 @@ pub struct Options {
 }
 
 impl Options {
-    /// Asks every case in every way.
+    /// Asks every case in the ways that were chosen, or in all of a benchmark.
     ///
     /// # Errors
     ///
     /// If there are no cases, or answers cannot be kept.
-    pub fn measure(&self, target: &Path) -> Result<Value, String> {
+    pub fn measure(&self, target: &Path, benchmark: &str, in_all: &[Way]) -> Result<Value, String> {
         let choice = &self.choice;
         let mut ways = self.ways.clone();
         if ways.is_empty() {
-            ways = Way::OTHERS.to_vec();
+            ways = in_all.to_vec();
         }
         // It is asked in any case.
         ways.retain(|way| *way != Way::Plain);
@@ -62,7 +63,7 @@ impl Options {
             .flat_map(|limits| figures.iter().flat_map(|set| limits.missed(set)))
             .collect();
         Ok(json!({
-            "benchmark": "invariance", "rig": choice.rig, "rig_hash": rig.hash, "jobs": choice.jobs,
+            "benchmark": benchmark, "rig": choice.rig, "rig_hash": rig.hash, "jobs": choice.jobs,
             "threads": choice.threads(), "sets": figures, "missed": missed,
         }))
     }
