@@ -16,9 +16,9 @@ use super::error::LinkError;
 /// early, not wrong.
 const VENTING: Duration = Duration::from_secs(3);
 /// Homing goes through the syringe's whole length, slowly.
-const HOMING: Duration = Duration::from_secs(60);
+const HOMING: Duration = Duration::from_secs(90);
 /// Measuring the stroke homes twice and goes through it twice.
-const MEASURING: Duration = Duration::from_secs(240);
+const MEASURING: Duration = Duration::from_secs(400);
 /// All settings are in EEPROM after this at the latest: 3.3 ms a byte.
 const SAVING: Duration = Duration::from_secs(6);
 
@@ -243,7 +243,7 @@ impl Link {
             match sample.state {
                 State::Ready => return Ok(true),
                 State::Homing => left_idle = true,
-                State::Fault => return Err(self.faulted(sample.fault)),
+                State::Fault => return Err(self.not_armed(sample.fault)),
                 State::Idle if left_idle => {
                     return Err(self.late(
                         "the board stopped homing without a fault",
@@ -273,6 +273,25 @@ impl Link {
             }
             _ => LinkError::Faulted { port, fault },
         }
+    }
+
+    /// The error for a board that stopped while it was armed, with what it measured of its sensor.
+    fn not_armed(&mut self, code: u8) -> LinkError {
+        if code != Fault::Late.code() {
+            return self.faulted(code);
+        }
+        let Ok(Some(delay_ms)) = self.machine().map(|machine| machine.delay_ms) else {
+            return self.faulted(code);
+        };
+        let sentence = Fault::Late.sentence();
+        let (found, advice) = sentence.split_once(": ").unwrap_or((sentence, ""));
+        let found = found.to_lowercase();
+        self.late(
+            &format!(
+                "the board stopped with fault {code}: {found} (it shows the air {delay_ms} ms after it has gone)"
+            ),
+            advice,
+        )
     }
 
     /// The error for a board that is not armed for its supply, with what that is.

@@ -13,7 +13,7 @@ use super::error::LinkError;
 use super::heart::Silence;
 use super::line::{Incoming, command_text};
 use super::port::Connector;
-use super::worker::{BEAT_ID, FromBoard, Worker};
+use super::worker::{BEAT_ID, FromBoard, Heard, Worker};
 
 /// How long to wait for what.
 #[derive(Clone, Copy, Debug)]
@@ -99,6 +99,10 @@ pub struct Link {
     last: Option<Telemetry>,
     banner_seen: bool,
     id: u8,
+    /// When the board said anything that makes sense.
+    heard: Instant,
+    /// When a sample came.
+    sampled: Instant,
 }
 
 impl std::fmt::Debug for Link {
@@ -129,6 +133,8 @@ impl Link {
             last: None,
             banner_seen: false,
             id: 0,
+            heard: Instant::now(),
+            sampled: Instant::now(),
         };
         link.connect()?;
         // What came before the board was known is nobody's: counted or
@@ -275,6 +281,33 @@ impl Link {
         }
     }
 
+    fn take_heard(&self) -> Heard {
+        self.worker
+            .as_ref()
+            .map(Worker::take_heard)
+            .unwrap_or_default()
+    }
+
+    /// For how long nothing that the board says has come: no sample, no reply, no remark.
+    pub fn quiet_for(&self) -> Duration {
+        self.heard.elapsed()
+    }
+
+    /// For how long no sample has come.
+    pub fn without_sample_for(&self) -> Duration {
+        self.sampled.elapsed()
+    }
+
+    /// What came instead of samples since this was asked last, in words.
+    pub fn what_came(&self) -> String {
+        let heard = self.take_heard();
+        if heard.is_nothing() {
+            "not a byte came".into()
+        } else {
+            format!("{heard}; none of them is a sample of a softrig board")
+        }
+    }
+
     /// How long the board had to wait for a sign of life since it was armed.
     pub(super) fn silence(&self) -> Option<Silence> {
         Some(self.worker.as_ref()?.silence())
@@ -311,6 +344,9 @@ impl Link {
                 return Some(Event::Lost(reason));
             }
         };
+        if line.is_whole() {
+            self.heard = arrived;
+        }
         match line {
             Incoming::Sample(sample) => Some(Event::Sample(self.count(sample, arrived))),
             Incoming::Remark(text) => {
@@ -343,6 +379,7 @@ impl Link {
                 (restarted, if restarted { 0 } else { missed })
             }
         };
+        self.sampled = arrived;
         self.counters.samples += 1;
         self.counters.dropped += u64::from(dropped);
         self.counters.restarts += u64::from(restarted);
@@ -364,6 +401,10 @@ impl Link {
         let outcome = self.handshake();
         if outcome.is_err() {
             self.worker = None;
+        } else {
+            // What came until now is the board's; its first sample is yet to come.
+            self.take_heard();
+            self.sampled = Instant::now();
         }
         outcome
     }
@@ -411,15 +452,17 @@ impl Link {
             }
         }
         let port = self.port().to_owned();
-        Err(if whole + damaged == 0 {
+        let heard = self.take_heard();
+        Err(if heard.is_nothing() {
             LinkError::Silent {
                 port,
                 seconds: started.elapsed().as_secs_f32(),
             }
         } else {
+            let lines = format!("{whole} readable and {damaged} damaged lines");
             LinkError::NotSoftrig {
                 port,
-                heard: format!("{whole} readable and {damaged} damaged lines came"),
+                heard: format!("{heard} ({lines})"),
             }
         })
     }

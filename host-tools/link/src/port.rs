@@ -86,6 +86,7 @@ impl SerialConnector {
     }
 
     fn open_port(&self) -> Result<Native, InputError> {
+        no_port(Path::new(&self.name))?;
         let holders = holders(Path::new(&self.name));
         if !holders.is_empty() {
             return Err(busy(&self.name, &holders));
@@ -173,6 +174,48 @@ impl Write for Unasked {
     }
 }
 
+/// Refuses what is there and can be no port. It is not opened: a FIFO would wait for a writer.
+#[cfg(unix)]
+fn no_port(path: &Path) -> Result<(), InputError> {
+    use std::os::unix::fs::{FileTypeExt, MetadataExt};
+    let Ok(found) = std::fs::metadata(path) else {
+        return Ok(());
+    };
+    let kind = found.file_type();
+    // Linux has `/dev/null` and its like under the major number 1; half of the programs have that open,
+    // which is no reason to end them.
+    let is_memory = cfg!(target_os = "linux") && (found.rdev() >> 8) & 0xfff == 1;
+    let what = if kind.is_char_device() && is_memory {
+        "a device"
+    } else if kind.is_char_device() {
+        return Ok(());
+    } else if kind.is_dir() {
+        "a folder"
+    } else if kind.is_fifo() {
+        "a FIFO"
+    } else if kind.is_socket() {
+        "a socket"
+    } else if kind.is_block_device() {
+        "a disk"
+    } else {
+        "a file"
+    };
+    Err(InputError::new(format!("is {what}, not a serial port"), ports_advice()).in_file(path))
+}
+
+/// Refuses what is there and can be no port.
+#[cfg(not(unix))]
+fn no_port(_: &Path) -> Result<(), InputError> {
+    Ok(())
+}
+
+/// Whether the system says that a device is no terminal, which every serial port is: `/dev/null` and its like.
+fn is_no_terminal(said: &str) -> bool {
+    ["typewriter", "inappropriate ioctl", "not a tty"]
+        .iter()
+        .any(|phrase| said.contains(phrase))
+}
+
 /// Why a port cannot be opened, with what to do.
 fn refused(name: &str, error: &serialport::Error) -> InputError {
     let said = error.description.to_lowercase();
@@ -182,6 +225,7 @@ fn refused(name: &str, error: &serialport::Error) -> InputError {
             PERMISSION_ADVICE.to_owned(),
         ),
         _ if said.contains("busy") => return busy(name, &holders(Path::new(name))),
+        _ if is_no_terminal(&said) => ("is a device, not a serial port".to_owned(), ports_advice()),
         _ if !Path::new(name).exists() && !name.to_uppercase().starts_with("COM") => {
             ("is not there".to_owned(), ports_advice())
         }
@@ -422,6 +466,31 @@ mod tests {
             "{two}"
         );
         assert!(say(&[]).contains("fuser -v /dev/ttyACM0"));
+    }
+
+    /// Said at once: a FIFO that is opened waits for its other end.
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_serial_port_is_refused_as_what_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("file"), "").unwrap();
+        let _socket = std::os::unix::net::UnixListener::bind(path("socket")).unwrap();
+        let made = std::process::Command::new("mkfifo")
+            .arg(path("fifo"))
+            .status();
+        assert!(made.unwrap().success());
+        for (path, what) in [
+            (path("file"), "is a file, not a serial port"),
+            (path("fifo"), "is a FIFO, not a serial port"),
+            (path("socket"), "is a socket, not a serial port"),
+            (folder.path().to_owned(), "is a folder, not a serial port"),
+            ("/dev/null".into(), "is a device, not a serial port"),
+        ] {
+            let name = path.display().to_string();
+            let error = SerialConnector::new(&name).open().unwrap_err().to_string();
+            assert!(error.contains(what) && error.contains(&name), "{error}");
+        }
     }
 
     #[test]

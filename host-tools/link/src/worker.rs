@@ -30,6 +30,65 @@ pub(super) enum FromBoard {
     Lost(String),
 }
 
+/// The bytes that came since the last sample, whatever they were.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Heard {
+    /// How many.
+    bytes: u64,
+    /// The first of them.
+    first: Vec<u8>,
+    /// The byte that each of them was, as long as all were the same.
+    only: Option<u8>,
+}
+
+impl Heard {
+    /// Bytes that are kept to be shown.
+    const SHOWN: usize = 24;
+
+    fn take(&mut self, bytes: &[u8]) {
+        let Some(&begins) = bytes.first() else {
+            return;
+        };
+        if self.bytes == 0 {
+            self.only = Some(begins);
+        }
+        if self
+            .only
+            .is_some_and(|only| bytes.iter().any(|&byte| byte != only))
+        {
+            self.only = None;
+        }
+        self.bytes += bytes.len() as u64;
+        let missing = Self::SHOWN.saturating_sub(self.first.len());
+        self.first.extend(bytes.iter().take(missing));
+    }
+
+    /// Whether nothing came.
+    pub(super) fn is_nothing(&self) -> bool {
+        self.bytes == 0
+    }
+}
+
+impl std::fmt::Display for Heard {
+    /// What came, to follow "PORT: ".
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let plural = if self.bytes == 1 { "byte" } else { "bytes" };
+        match self.only {
+            Some(byte) if self.bytes > 1 => write!(
+                f,
+                "{} {plural} came, each 0x{byte:02x}: a line that is held at one level, or another baud rate",
+                self.bytes
+            ),
+            _ => write!(
+                f,
+                "{} {plural} came, which begin with \"{}\"",
+                self.bytes,
+                self.first.escape_ascii()
+            ),
+        }
+    }
+}
+
 /// An open connection with its threads.
 pub(super) struct Worker {
     shared: Arc<Shared>,
@@ -42,6 +101,7 @@ struct Shared {
     writer: Mutex<Box<dyn Write + Send>>,
     stop: AtomicBool,
     heart: Heart,
+    heard: Mutex<Heard>,
 }
 
 impl Worker {
@@ -52,6 +112,7 @@ impl Worker {
             writer: Mutex::new(channel_.writer),
             stop: AtomicBool::new(false),
             heart: Heart::new(),
+            heard: Mutex::default(),
         });
         let beating = {
             let shared = Arc::clone(&shared);
@@ -97,6 +158,11 @@ impl Worker {
         }
     }
 
+    /// What has come since the last sample, and since this was asked last.
+    pub(super) fn take_heard(&self) -> Heard {
+        std::mem::take(&mut *self.shared.heard())
+    }
+
     /// How long the board bears silence.
     pub(super) fn set_patience(&self, patience: Duration) {
         self.shared.heart.set_patience(patience);
@@ -121,6 +187,10 @@ impl Drop for Worker {
 }
 
 impl Shared {
+    fn heard(&self) -> std::sync::MutexGuard<'_, Heard> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn send(&self, request: &Request) -> io::Result<()> {
         let text = request_text(request);
         let mut writer = self.writer.lock().unwrap_or_else(PoisonError::into_inner);
@@ -178,6 +248,7 @@ fn read_lines(
             }
         };
         shared.heart.read(count);
+        shared.heard().take(&buffer[..count]);
         let now = Instant::now();
         for &byte in &buffer[..count] {
             let incoming = match assembler.push(byte) {
@@ -189,6 +260,7 @@ fn read_lines(
                 continue;
             }
             if let Incoming::Sample(sample) = &incoming {
+                *shared.heard() = Heard::default();
                 let armed = matches!(sample.state, State::Homing | State::Ready | State::Running);
                 shared.heart.note(armed, sample.time_ms);
                 if shared.heart.is_device_due() {
@@ -199,5 +271,33 @@ fn read_lines(
                 return;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heard(pieces: &[&[u8]]) -> String {
+        let mut heard = Heard::default();
+        for piece in pieces {
+            heard.take(piece);
+        }
+        heard.to_string()
+    }
+
+    #[test]
+    fn what_came_is_said_by_its_number_and_its_beginning() {
+        assert!(heard(&[b"\0\0", b"", b"\0"]).starts_with("3 bytes came, each 0x00"));
+        assert_eq!(
+            heard(&[b"Grbl 1.1h\r\n", b"\xff"]),
+            "12 bytes came, which begin with \"Grbl 1.1h\\r\\n\\xff\""
+        );
+        let long = heard(&[&[b'x', b'y'].repeat(10_000)]);
+        assert!(
+            long.starts_with("20000 bytes") && long.len() < 100,
+            "{long}"
+        );
+        assert!(Heard::default().is_nothing());
     }
 }

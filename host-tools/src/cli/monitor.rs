@@ -156,12 +156,20 @@ fn plain(
     listeners: &mut Listeners,
 ) -> anyhow::Result<()> {
     let mut due_s = 0.0;
+    let mut quiet = Quiet::default();
     if let Some(invitation) = listeners.invitation() {
         remark(&invitation);
     }
     super::print(&format!("{COLUMNS}\n"))?;
     while !interrupt.requested() {
-        let Some(event) = link.next_event(FRAME) else {
+        let event = link.next_event(FRAME);
+        if let Some(news) = quiet.look(link) {
+            super::warn(&news);
+        }
+        if args.seconds.is_some_and(|end| quiet.is_over(link, end)) {
+            return Err(silent_at_the_end(link));
+        }
+        let Some(event) = event else {
             if !link.is_connected() && link.reconnect().is_ok() {
                 super::warn("the connection is back");
             }
@@ -174,6 +182,7 @@ fn plain(
                     continue;
                 };
                 let time_s = row.time_ms as f64 / 1000.0;
+                quiet.shown_s = time_s;
                 if args.seconds.is_some_and(|end| time_s > end) {
                     break;
                 }
@@ -201,6 +210,55 @@ fn plain(
     Ok(())
 }
 
+/// Time without a sample after which that is said: a board sends one each 10 ms.
+const QUIET: Duration = Duration::from_millis(1_500);
+
+/// A port from which no samples come, although it is open.
+#[derive(Debug, Default)]
+struct Quiet {
+    /// Whether it was said.
+    said: bool,
+    /// Time of the last sample (s).
+    shown_s: f64,
+}
+
+impl Quiet {
+    /// What is new about it.
+    fn look(&mut self, link: &Link) -> Option<String> {
+        let silence = link.without_sample_for();
+        let is_quiet = silence > QUIET && link.is_connected();
+        if is_quiet == self.said || (!is_quiet && silence > QUIET) {
+            return None;
+        }
+        self.said = is_quiet;
+        let port = link.port();
+        Some(if is_quiet {
+            format!(
+                "{port}: no sample for {:.1} s, although the port is open: {}",
+                silence.as_secs_f64(),
+                link.what_came()
+            )
+        } else {
+            format!("{port}: samples come again")
+        })
+    }
+
+    /// Whether a time (s) is over although nothing says so any more: by this computer's clock.
+    fn is_over(&self, link: &Link, end_s: f64) -> bool {
+        let silence = link.without_sample_for();
+        silence > QUIET && self.shown_s + silence.as_secs_f64() > end_s
+    }
+}
+
+/// What was to be seen did not come.
+fn silent_at_the_end(link: &Link) -> anyhow::Error {
+    anyhow::anyhow!(
+        "{}: the time is over, and no sample came in the last {:.1} s of it; what came is kept, as incomplete",
+        link.port(),
+        link.without_sample_for().as_secs_f64()
+    )
+}
+
 fn live(
     args: &Args,
     interrupt: &Interrupt,
@@ -213,6 +271,7 @@ fn live(
         view.say(&invitation);
     }
     let mut first_ms = None;
+    let mut quiet = Quiet::default();
     let mut drawn = Instant::now();
     while !interrupt.requested() {
         while let Some(event) = link.next_event(FRAME.saturating_sub(drawn.elapsed())) {
@@ -224,6 +283,12 @@ fn live(
         }
         if !link.is_connected() && link.reconnect().is_ok() {
             view.say("the connection is back");
+        }
+        if let Some(news) = quiet.look(link) {
+            view.say(&news);
+        }
+        if args.seconds.is_some_and(|end| quiet.is_over(link, end)) {
+            return leave(&view, link).and(Err(silent_at_the_end(link)));
         }
         view.refresh(link.counters(), Instant::now());
         terminal.draw(|frame| draw(frame, &view))?;
@@ -239,7 +304,8 @@ fn live(
         if let (Some(end), Some(sample)) = (args.seconds, link.last()) {
             let now = sample.time_ms;
             let first = *first_ms.get_or_insert(now);
-            if f64::from(now.wrapping_sub(first)) / 1000.0 > end {
+            quiet.shown_s = f64::from(now.wrapping_sub(first)) / 1000.0;
+            if quiet.shown_s > end {
                 break;
             }
         }

@@ -25,7 +25,8 @@ use softrig_formats::setup::Setup;
 use softrig_formats::terminal::{printable_line, remark};
 use softrig_link::line::command_text;
 use softrig_link::record::{
-    About, Part, Recorder, Step, black_box_path, check_limits, meta_path, parts, run_path, steps,
+    About, Gap, Part, Recorder, Step, black_box_path, check_limits, meta_path, parts, run_path,
+    steps,
 };
 use softrig_link::rig_file::{RigFile, board_name, rig_file};
 use softrig_link::{Event, Link, LinkError, SerialConnector, Timing, is_pseudo_terminal};
@@ -207,7 +208,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         recorder,
         interrupt,
         patience: Duration::from_secs_f64(args.patience),
-        heard: Instant::now(),
         stage,
     };
     let outcome = match &protocol {
@@ -295,8 +295,6 @@ struct Session {
     recorder: Recorder,
     interrupt: Interrupt,
     patience: Duration,
-    /// When the last sample came, or the connection.
-    heard: Instant,
     stage: Stage,
 }
 
@@ -358,21 +356,21 @@ impl Session {
     fn pump(&mut self) -> anyhow::Result<()> {
         let wait = Duration::from_millis(50);
         if let Some(event) = self.link.next_event(wait) {
-            if matches!(event, Event::Sample(_)) {
-                self.heard = Instant::now();
-            }
             self.recorder.take(&event);
         }
         self.recorder.check()?;
         if !self.link.is_connected() {
             self.reconnect()?;
-            self.heard = Instant::now();
         }
-        if self.heard.elapsed() > self.patience && !self.interrupt.requested() {
+        // A board that replies is there; one that says everything but samples is not to be waited for.
+        let is_late = self.link.quiet_for() > self.patience
+            || self.link.without_sample_for() > 10 * self.patience;
+        if is_late && !self.interrupt.requested() {
             Err(self.link.late(
                 &format!(
-                    "no sample has come for {:.0} s, although the port is open",
-                    self.patience.as_secs_f64()
+                    "no sample has come for {:.0} s, although the port is open: {}",
+                    self.link.without_sample_for().as_secs_f64(),
+                    self.link.what_came()
                 ),
                 "press the board's reset button and record again; what was recorded so far is kept",
             ))?;
@@ -684,6 +682,7 @@ impl Session {
         let gaps = recorder.about.gap.len() as u64;
         let mismatch_from_s = recorder.about.mismatch_from_s;
         let lost_steps = recorder.about.lost_steps;
+        let restarts = told_restarts(&recorder.about.gap);
         let has_moved = !recorder.about.segments.is_empty();
         let black_box = recorder
             .about
@@ -700,6 +699,9 @@ impl Session {
                 ", the second before the fault, as the board saw it, in {}",
                 path.display()
             );
+        }
+        if let Some(restarts) = &restarts {
+            kept += &format!("; {restarts}");
         }
         let finished = recorder.finish(parts, cut);
         // The cause comes first; that the recording could not be completed follows from it.
@@ -748,8 +750,26 @@ impl Session {
                 output.display()
             );
         }
+        if let Some(restarts) = restarts {
+            text += &format!("{restarts}\n");
+        }
         Ok(super::print(&text)?)
     }
+}
+
+/// Where the board started anew within the recording, if it did.
+fn told_restarts(gaps: &[Gap]) -> Option<String> {
+    let restarts: Vec<String> = gaps
+        .iter()
+        .filter(|gap| gap.restarted)
+        .map(|gap| format!("{:.1} s", gap.from_s))
+        .collect();
+    (!restarts.is_empty()).then(|| {
+        format!(
+            "the board restarted after {}: look at its supply and the cable; its times after that are by this computer's clock",
+            restarts.join(", ")
+        )
+    })
 }
 
 /// Microsteps within which a home is found: what `softrig commission` bears.

@@ -632,9 +632,9 @@ impl<'o> Session<'o> {
         self.disarm()?;
         self.operator.progress(1.0, 2.0, "homing again");
         let second_s = self.arm()?;
-        let lost = self.link.machine()?.lost_steps;
-        let steps = lost.map_or(f64::NAN, f64::from);
-        let measured = vec![
+        let machine = self.link.machine()?;
+        let steps = machine.lost_steps.map_or(f64::NAN, f64::from);
+        let mut measured = vec![
             Measured::new("first homing", first_s, "s", Limit::AtMost(60.0)),
             Measured::new("second homing", second_s, "s", Limit::AtMost(60.0)),
             Measured::new(
@@ -644,6 +644,22 @@ impl<'o> Session<'o> {
                 Limit::Within(-within, within),
             ),
         ];
+        // The board refuses what is later than its speed allows; firmware from before measures nothing.
+        if let (Some(delay_ms), Some(air_ul)) = (machine.delay_ms, machine.air_ul) {
+            let (delay, air) = (f64::from(delay_ms), f64::from(air_ul) / 1000.0);
+            measured.push(Measured::new(
+                "pressure sensor's delay, with the vent's",
+                delay,
+                "ms",
+                Limit::None,
+            ));
+            measured.push(Measured::new(
+                "air behind the plunger",
+                air,
+                "ml",
+                Limit::None,
+            ));
+        }
         Ok(Finding::judge(
             Step::Homing,
             measured,

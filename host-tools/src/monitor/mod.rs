@@ -273,6 +273,11 @@ impl View {
         })
     }
 
+    /// Whether what is shown is no longer what is: nothing has come for a second.
+    fn is_stale(&self) -> bool {
+        !self.connected || (self.last.is_some() && self.arrivals.is_empty())
+    }
+
     /// Lines a second.
     fn rate(&self) -> usize {
         self.arrivals.len()

@@ -106,6 +106,9 @@ fn title_line(view: &View) -> Line<'_> {
     let state = match (view.connected, view.last) {
         (false, _) => Span::styled(" NO CONNECTION ", BAD.add_modifier(Modifier::REVERSED)),
         (true, None) => Span::styled(" waiting ", LABEL),
+        (true, Some(_)) if view.is_stale() => {
+            Span::styled(" SILENT ", BAD.add_modifier(Modifier::REVERSED))
+        }
         (true, Some(sample)) => {
             let style = match sample.state {
                 State::Fault => BAD,
@@ -264,6 +267,9 @@ fn bounds(curves: &[&Vec<(f64, f64)>]) -> (f64, f64) {
     ((low / 10.0).floor() * 10.0, (high / 10.0).ceil() * 10.0)
 }
 
+/// Readings of the last sample, in front of those of the link.
+const STALE: usize = 8;
+
 /// A reading with its name.
 type Reading = (&'static str, String, Style);
 
@@ -294,7 +300,7 @@ fn readings(view: &View) -> Vec<Reading> {
     let (dropped, dropped_style) = count(view.counters.dropped);
     let (damaged, damaged_style) = count(view.counters.damaged);
     let (restarts, restarts_style) = count(view.counters.restarts);
-    vec![
+    let mut readings = vec![
         ("measured", number(angle, "°"), MEASURED),
         ("predicted", number(predicted, "°"), PREDICTED),
         ("gap", number(gap, "°"), MEASURED),
@@ -322,7 +328,14 @@ fn readings(view: &View) -> Vec<Reading> {
         ("dropped", dropped, dropped_style),
         ("damaged", damaged, damaged_style),
         ("restarts", restarts, restarts_style),
-    ]
+    ];
+    if view.is_stale() {
+        // What is old is grey, as the names are, and what counts the lines is not old.
+        for (_, _, style) in readings.iter_mut().take(STALE) {
+            *style = LABEL;
+        }
+    }
+    readings
 }
 
 fn draw_readings(frame: &mut Frame<'_>, readings: &[Reading], columns: usize, area: Rect) {
@@ -485,6 +498,28 @@ mod tests {
         assert_screen("fault.txt", &text);
         view.take(&Event::Lost("gone".into()));
         assert!(screen(&view, 80, 24).contains("NO CONNECTION"));
+    }
+
+    #[test]
+    fn what_is_old_is_grey_and_said_to_be() {
+        let mut view = stepped(State::Running, 0, false);
+        let styles = |view: &View| -> Vec<Style> {
+            let readings = readings(view).into_iter();
+            readings.map(|(_, _, style)| style).collect()
+        };
+        assert!(!styles(&view)[..STALE].contains(&LABEL));
+        assert!(screen(&view, 80, 24).contains("RUNNING"));
+        let later = view.now + Duration::from_millis(1_500);
+        view.refresh(Counters::default(), later);
+        assert!(styles(&view)[..STALE].iter().all(|&style| style == LABEL));
+        // The counts are of now.
+        assert!(!styles(&view)[STALE..].contains(&LABEL));
+        let text = screen(&view, 80, 24);
+        assert!(
+            text.contains("SILENT") && !text.contains("RUNNING"),
+            "{text}"
+        );
+        assert!(text.contains("59.97 °"), "the last value stays:\n{text}");
     }
 
     #[test]

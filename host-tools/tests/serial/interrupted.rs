@@ -68,6 +68,29 @@ fn a_board_that_falls_silent_ends_a_recording_with_what_there_is() {
     }
 }
 
+/// What came is kept as incomplete, and the time ends although no clock of a board says so.
+#[test]
+fn a_monitor_says_that_a_board_has_fallen_silent_and_ends() {
+    let bench = Bench::new(Script {
+        speed: 1,
+        ..Script::default()
+    });
+    let child = bench.start("monitor --port PORT --plain --seconds 6 --log seen.csv");
+    wait_until("rows", || bench.rows("seen.csv") > 100);
+    bench.board.script().silent = true;
+    let begun = std::time::Instant::now();
+    let output = child.wait_with_output().unwrap();
+    assert!(begun.elapsed().as_secs() < 20);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for part in ["no sample for 1.", "not a byte came", "as incomplete"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let meta = bench.meta("seen.meta.toml");
+    assert_eq!(meta["complete"].as_bool(), Some(false));
+    assert!(bench.recording("seen.csv").len() > 100);
+}
+
 #[test]
 fn a_cable_that_comes_back_leaves_a_gap_and_increasing_times() {
     let bench = Bench::new(Script {
@@ -87,6 +110,9 @@ fn a_cable_that_comes_back_leaves_a_gap_and_increasing_times() {
         said.contains("the connection was lost") && said.contains("is back"),
         "{said}"
     );
+    let told = String::from_utf8(output.stdout).unwrap();
+    let last = told.lines().last().unwrap_or_default();
+    assert!(last.starts_with("the board restarted after "), "{told}");
     let recording = bench.recording("run.csv");
     assert_increasing(&recording);
     assert!(recording.len() > before + 100 && recording.duration() >= 20.0);

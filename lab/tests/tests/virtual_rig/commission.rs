@@ -56,7 +56,7 @@ fn a_healthy_rig_passes_every_step() {
 
 /// What each fault of the virtual rig is found by; and what only follows from it is left out, to
 /// be quick.
-const FOUND_BY: [(&str, &[&str], &[&str]); 12] = [
+const FOUND_BY: [(&str, &[&str], &[&str]); 15] = [
     ("open-flex", &["noise"], &["noise"]),
     ("detached-flex", &["noise"], &["noise"]),
     ("drifting-pressure", &["noise"], &["noise"]),
@@ -68,7 +68,10 @@ const FOUND_BY: [(&str, &[&str], &[&str]); 12] = [
         &["identity", "switches"],
     ),
     ("retracted-switch", &["identity", "switches"], &["switches"]),
-    ("leak", &["homing", "pressure"], &["pressure"]),
+    ("leak", &["homing"], &["homing"]),
+    ("vent-open", &["homing"], &["homing"]),
+    ("late=0.8s", &["homing"], &["homing"]),
+    ("branch", &["homing"], &["homing"]),
     ("vent-shut", &["emergency-stop"], &["emergency-stop"]),
     ("reversed-motor", &["homing"], &["homing"]),
     ("low-supply", &["telemetry"], &["telemetry"]),
