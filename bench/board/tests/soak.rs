@@ -18,7 +18,7 @@ fn three_minutes_of_misfortunes_break_no_promise() {
     };
     let options = soak::Options {
         seed: 1,
-        seconds: 180.0,
+        seconds: 230.0,
         every: Duration::MAX,
     };
     match soak::run(&image, &options, |_| ()) {

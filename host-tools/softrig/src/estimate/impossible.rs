@@ -453,9 +453,10 @@ fn stretches(marks: &[Option<Why>]) -> Vec<Found> {
     found
 }
 
-/// For how many rows a channel keeps each value, if it is slower than the rows: most runs of equal
-/// samples have that length or one more and hardly any is shorter, noise would not repeat a value,
-/// and the steps between them are neither those of a converter nor those of a command.
+/// For how many rows a channel keeps each value, if it is slower than the rows: nearly all runs of
+/// equal samples are whole multiples of that length. Or, where the rates have no common step, most
+/// runs have that length or one more and hardly any is shorter, noise would not repeat a value, and
+/// the steps between them are neither those of a converter nor those of a command.
 fn held_for(recording: &Recording, channel: Channel) -> Option<usize> {
     let values = recording.channel(channel);
     let runs: Vec<Range<usize>> = equal_runs(values).collect();
@@ -471,6 +472,14 @@ fn held_for(recording: &Recording, channel: Channel) -> Option<usize> {
     // Lengths of runs.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let middle = median(&mut lengths) as usize;
+    // A coarse converter repeats values more often than not, but whole samples of them.
+    let in_step = (2..=middle.max(2)).rev().find(|&length| {
+        let whole = share(&|it| it.is_multiple_of(length)) >= 1.0 - SHORTER;
+        whole && inner.iter().filter(|run| run.len() == length).count() >= FEWEST
+    });
+    if channel == Channel::Angle && in_step.is_some() {
+        return in_step;
+    }
     let length = [middle, middle.saturating_sub(1)]
         .into_iter()
         .find(|&length| {
@@ -670,6 +679,17 @@ mod tests {
         let clean = cleaned(&held).unwrap();
         assert_eq!((clean.len(), clean.removed.len()), (1_500, 0));
         assert_eq!(clean.left_out[0].count, 1_500);
+        // A converter repeats values, and the logger each of them.
+        let mut coarse = steps(0.01);
+        coarse.angle = coarse
+            .angle
+            .iter()
+            .map(|it| (it / 0.01).round() * 0.01)
+            .collect();
+        for channel in [&mut coarse.pressure, &mut coarse.angle] {
+            *channel = even(channel, 2);
+        }
+        assert_eq!(cleaned(&coarse).unwrap().len(), 1_500);
         let mut slow = steps(0.01);
         slow.angle = even(&slow.angle, 5);
         let clean = cleaned(&slow).unwrap();
