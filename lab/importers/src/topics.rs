@@ -394,7 +394,10 @@ impl Source {
         let called = match &self.joint {
             Some((name, _)) => name.clone(),
             None => match self.path[last].parse::<usize>() {
-                Ok(index) => names.get(index).cloned().unwrap_or_default(),
+                Ok(index) => match names.get(index) {
+                    Some(name) => name.clone(),
+                    None => return datum(self, message),
+                },
                 Err(_) => self.path[last].clone(),
             },
         };
