@@ -152,7 +152,8 @@ fn stock(bench: &Bench) {
             "step60_1",
             "run step60 monday id_2 upright lab data/02_steps",
         ),
-        ("step90_1", "step90 tuesday steps aside data/01_sines"),
+        ("step90_1", "step90 tuesday steps aside"),
+        ("triangle", "data/01_sines"),
         ("step60_2", "vad_1 triangle data/01_steps"),
         ("step90_2", "data/02_sines"),
     ];
