@@ -37,11 +37,7 @@ pub fn read_npz(
     let mut left = limits.bytes;
     for index in 0..archive.len() {
         let entry = archive.by_index(index).map_err(|error| fail(&error))?;
-        let Some(name) = entry
-            .name()
-            .ok()
-            .and_then(|name| name.strip_suffix(".npy").map(str::to_owned))
-        else {
+        let Some(name) = entry.name().strip_suffix(".npy").map(str::to_owned) else {
             continue;
         };
         let mut bytes = Vec::new();
@@ -87,7 +83,7 @@ pub fn read_npz(
 /// Whether a packed file is one of Excel's.
 fn is_spreadsheet(archive: &ZipArchive<Cursor<Vec<u8>>>) -> bool {
     let mut names = archive.file_names();
-    names.any(|name| name.is_ok_and(|name| name.starts_with("xl/")))
+    names.any(|name| name.starts_with("xl/"))
 }
 
 /// Reads a single array.
