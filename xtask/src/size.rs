@@ -39,7 +39,7 @@ const ROWS: [Measure; 7] = [
         unit: "bytes",
         // Below 128 KiB every function is in reach of a 16-bit word address, so that calls of
         // computed addresses would need no trampolines. What the watches of safety need counts.
-        budget: 120.0 * 1024.0,
+        budget: 124.0 * 1024.0,
         tolerance: 1_024.0,
     },
     Measure {
