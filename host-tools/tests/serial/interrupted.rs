@@ -88,7 +88,7 @@ fn a_monitor_says_that_a_board_has_fallen_silent_and_ends() {
     }
     let meta = bench.meta("seen.meta.toml");
     assert_eq!(meta["complete"].as_bool(), Some(false));
-    assert!(bench.recording("seen.csv").len() > 100);
+    assert!(bench.recording("seen.csv").len() > 10);
 }
 
 #[test]
