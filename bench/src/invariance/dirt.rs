@@ -3,148 +3,98 @@
 //! Each way makes time, pressure and angle of a recording dirty as benches do, by an amount that
 //! people meet: one wild sample, three dropouts, a third of the rows. The answer should not mind.
 
-use clap::ValueEnum;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// A kind of dirt.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, ValueEnum)]
-pub enum Dirt {
-    /// One angle far beyond all others
-    Spike,
-    /// One in five hundred angles is the same impossible value
-    Sentinel,
-    /// Three angles are zero
-    Zeros,
-    /// One pressure far beyond all others
-    WildPressure,
-    /// A third of the rows is missing
-    Dropped,
-    /// Time stamps of a host: late by up to a third of the interval
-    Jitter,
-    /// Five rows arrive at once
-    Bursts,
-    /// A logger twice as fast as its sensors
-    Held,
-    /// A converter of ten bits, of which the signals use a tenth
-    Coarse,
-    /// A zero of the pressure sensor of 1 % of its range
-    Offset,
-    /// The angle stays at one value for a while
-    Frozen,
-    /// A fortieth of the rows is missing in one place
-    Gap,
-    /// One in a hundred rows stands there twice
-    Twice,
-    /// The board restarted: its clock begins again
-    Restart,
-}
+use super::ways::Way;
 
-impl Dirt {
-    /// All of them, in the order of the tables.
-    pub const ALL: [Self; 14] = [
-        Self::Spike,
-        Self::Sentinel,
-        Self::Zeros,
-        Self::WildPressure,
-        Self::Dropped,
-        Self::Jitter,
-        Self::Bursts,
-        Self::Held,
-        Self::Coarse,
-        Self::Offset,
-        Self::Frozen,
-        Self::Gap,
-        Self::Twice,
-        Self::Restart,
-    ];
-
-    /// Makes a recording dirty. Its number of rows decides where, so that the same recording is
-    /// always dirty in the same places.
-    pub fn soil(self, recording: &mut Rows) {
-        let count = recording.time.len();
-        let mut random = Pcg64Mcg::seed_from_u64(count as u64);
-        let late = |random: &mut Pcg64Mcg| random.random_range(count / 4..count);
-        let middle = random.random_range(count / 3..2 * count / 3);
-        let stretch = middle..(middle + (count / 40).max(3)).min(count);
-        match self {
-            Self::Spike => {
-                let place = late(&mut random);
-                recording.angle[place] = beyond(&recording.angle, 10.0);
-            }
-            Self::Sentinel => {
-                let value = beyond(&recording.angle, 3.0);
-                for angle in &mut recording.angle {
-                    if random.random_bool(0.002) {
-                        *angle = value;
-                    }
-                }
-            }
-            Self::Zeros => {
-                for _ in 0..3 {
-                    recording.angle[late(&mut random)] = 0.0;
-                }
-            }
-            Self::WildPressure => {
-                let place = late(&mut random);
-                recording.pressure[place] = beyond(&recording.pressure, 10.0);
-            }
-            Self::Dropped => {
-                let kept = (0..count).filter(|&row| row == 0 || random.random_bool(0.7));
-                recording.keep(&kept.collect::<Vec<_>>());
-            }
-            Self::Jitter => {
-                let true_times = recording.time.clone();
-                for (row, pair) in true_times.windows(2).enumerate() {
-                    let part = random.random_range(-0.3..0.3);
-                    recording.time[row + 1] += part * (pair[1] - pair[0]);
-                }
-            }
-            Self::Bursts => {
-                let true_times = recording.time.clone();
-                for (row, time) in recording.time.iter_mut().enumerate() {
-                    let last = (row / 5 * 5 + 4).min(count - 1);
-                    *time = true_times[last] + 1e-4 * (row % 5) as f64;
-                }
-            }
-            Self::Held => {
-                for row in (1..count).step_by(2) {
-                    recording.pressure[row] = recording.pressure[row - 1];
-                    recording.angle[row] = recording.angle[row - 1];
-                }
-            }
-            Self::Coarse => {
-                round(&mut recording.pressure, 120.0);
-                round(&mut recording.angle, 350.0);
-            }
-            Self::Offset => {
-                let offset = 0.01 * span(&recording.pressure);
-                for pressure in &mut recording.pressure {
-                    *pressure += offset;
-                }
-            }
-            Self::Frozen => {
-                let value = recording.angle[middle];
-                recording.angle[stretch].fill(value);
-            }
-            Self::Gap => {
-                let kept = (0..count).filter(|row| !stretch.contains(row));
-                recording.keep(&kept.collect::<Vec<_>>());
-            }
-            Self::Twice => {
-                let mut rows: Vec<usize> = (0..count).collect();
-                rows.extend((0..(count / 100).max(1)).map(|_| random.random_range(0..count)));
-                rows.sort_unstable();
-                recording.keep(&rows);
-            }
-            Self::Restart => {
-                let half = count / 2;
-                let again = recording.time[half];
-                for time in &mut recording.time[half..] {
-                    *time -= again;
+/// Makes a recording dirty. Its number of rows decides where, so that the same recording is
+/// always dirty in the same places.
+pub fn soil(way: Way, recording: &mut Rows) {
+    let count = recording.time.len();
+    let mut random = Pcg64Mcg::seed_from_u64(count as u64);
+    let late = |random: &mut Pcg64Mcg| random.random_range(count / 4..count);
+    let middle = random.random_range(count / 3..2 * count / 3);
+    let stretch = middle..(middle + (count / 40).max(3)).min(count);
+    match way {
+        Way::Spike => {
+            let place = late(&mut random);
+            recording.angle[place] = beyond(&recording.angle, 10.0);
+        }
+        Way::Sentinel => {
+            let value = beyond(&recording.angle, 3.0);
+            for angle in &mut recording.angle {
+                if random.random_bool(0.002) {
+                    *angle = value;
                 }
             }
         }
+        Way::Zeros => {
+            for _ in 0..3 {
+                recording.angle[late(&mut random)] = 0.0;
+            }
+        }
+        Way::WildPressure => {
+            let place = late(&mut random);
+            recording.pressure[place] = beyond(&recording.pressure, 10.0);
+        }
+        Way::Dropped => {
+            let kept = (0..count).filter(|&row| row == 0 || random.random_bool(0.7));
+            recording.keep(&kept.collect::<Vec<_>>());
+        }
+        Way::Jitter => {
+            let true_times = recording.time.clone();
+            for (row, pair) in true_times.windows(2).enumerate() {
+                let part = random.random_range(-0.3..0.3);
+                recording.time[row + 1] += part * (pair[1] - pair[0]);
+            }
+        }
+        Way::Bursts => {
+            let true_times = recording.time.clone();
+            for (row, time) in recording.time.iter_mut().enumerate() {
+                let last = (row / 5 * 5 + 4).min(count - 1);
+                *time = true_times[last] + 1e-4 * (row % 5) as f64;
+            }
+        }
+        Way::Held => {
+            for row in (1..count).step_by(2) {
+                recording.pressure[row] = recording.pressure[row - 1];
+                recording.angle[row] = recording.angle[row - 1];
+            }
+        }
+        Way::Coarse => {
+            round(&mut recording.pressure, 120.0);
+            round(&mut recording.angle, 350.0);
+        }
+        Way::Offset => {
+            let offset = 0.01 * span(&recording.pressure);
+            for pressure in &mut recording.pressure {
+                *pressure += offset;
+            }
+        }
+        Way::Frozen => {
+            let value = recording.angle[middle];
+            recording.angle[stretch].fill(value);
+        }
+        Way::Gap => {
+            let kept = (0..count).filter(|row| !stretch.contains(row));
+            recording.keep(&kept.collect::<Vec<_>>());
+        }
+        Way::Twice => {
+            let mut rows: Vec<usize> = (0..count).collect();
+            rows.extend((0..(count / 100).max(1)).map(|_| random.random_range(0..count)));
+            rows.sort_unstable();
+            recording.keep(&rows);
+        }
+        Way::Restart => {
+            let half = count / 2;
+            let again = recording.time[half];
+            for time in &mut recording.time[half..] {
+                *time -= again;
+            }
+        }
+        // The others leave a recording clean.
+        _ => {}
     }
 }
 
@@ -219,13 +169,13 @@ mod tests {
     /// Every way does something, and only what it says.
     #[test]
     fn dirt_is_where_it_belongs() {
-        for dirt in Dirt::ALL {
+        for way in Way::DIRTY {
             let mut dirty = clean();
-            dirt.soil(&mut dirty);
-            assert_ne!(dirty, clean(), "{dirt:?}");
+            soil(way, &mut dirty);
+            assert_ne!(dirty, clean(), "{way:?}");
             let mut again = clean();
-            dirt.soil(&mut again);
-            assert_eq!(dirty, again, "{dirt:?} is not the same twice");
+            soil(way, &mut again);
+            assert_eq!(dirty, again, "{way:?} is not the same twice");
             let differ = |(a, b): &(&f64, &f64)| a.total_cmp(b).is_ne();
             let changed = |a: &[f64], b: &[f64]| a.iter().zip(b).filter(differ).count();
             let (time, pressure, angle) = (
@@ -233,18 +183,18 @@ mod tests {
                 changed(&dirty.pressure, &clean().pressure),
                 changed(&dirty.angle, &clean().angle),
             );
-            match dirt {
-                Dirt::Spike => assert_eq!((time, pressure, angle), (0, 0, 1)),
-                Dirt::Zeros => assert!((time, pressure) == (0, 0) && angle <= 3),
-                Dirt::WildPressure => assert_eq!((time, pressure, angle), (0, 1, 0)),
-                Dirt::Offset => assert_eq!((time, angle), (0, 0)),
-                Dirt::Jitter | Dirt::Bursts | Dirt::Restart => {
+            match way {
+                Way::Spike => assert_eq!((time, pressure, angle), (0, 0, 1)),
+                Way::Zeros => assert!((time, pressure) == (0, 0) && angle <= 3),
+                Way::WildPressure => assert_eq!((time, pressure, angle), (0, 1, 0)),
+                Way::Offset => assert_eq!((time, angle), (0, 0)),
+                Way::Jitter | Way::Bursts | Way::Restart => {
                     assert_eq!((pressure, angle), (0, 0));
                 }
-                Dirt::Dropped => assert!((600..800).contains(&dirty.time.len())),
-                Dirt::Gap => assert_eq!(dirty.time.len(), 975),
-                Dirt::Twice => assert_eq!(dirty.time.len(), 1_010),
-                Dirt::Sentinel | Dirt::Held | Dirt::Coarse | Dirt::Frozen => assert_eq!(time, 0),
+                Way::Dropped => assert!((600..800).contains(&dirty.time.len())),
+                Way::Gap => assert_eq!(dirty.time.len(), 975),
+                Way::Twice => assert_eq!(dirty.time.len(), 1_010),
+                _ => assert_eq!(time, 0),
             }
         }
     }

@@ -11,7 +11,7 @@ use softrig_formats::columns::{AngleUnit, Columns, PressureUnit, Quantity, TimeU
 use softrig_formats::model_file::ModelFile;
 use toml_edit::{DocumentMut, Item, Value};
 
-use super::dirt::{Dirt, Rows};
+use super::dirt::{Rows, soil};
 
 /// The share of a recording that is cut off.
 const CUT: f64 = 0.05;
@@ -113,12 +113,6 @@ impl Way {
         Self::Restart,
     ];
 
-    /// The dirt of a way.
-    pub fn dirt(self) -> Option<Dirt> {
-        let place = Self::DIRTY.iter().position(|way| *way == self)?;
-        Some(Dirt::ALL[place])
-    }
-
     /// Its name on the command line, in tables and in files.
     pub fn name(self) -> &'static str {
         match self {
@@ -159,7 +153,7 @@ impl Way {
 
     /// Whether recordings are written anew.
     pub fn changes_recordings(self) -> bool {
-        self.dirt().is_some()
+        Self::DIRTY.contains(&self)
             || matches!(
                 self,
                 Self::Units | Self::Mirror | Self::Half | Self::CutStart | Self::CutEnd
@@ -247,11 +241,8 @@ impl Way {
                 let left = table.rows.len() - cut(table.rows.len());
                 table.rows.truncate(left);
             }
-            _ => {
-                if let Some(dirt) = self.dirt() {
-                    table.soil(dirt, columns)?;
-                }
-            }
+            _ if Self::DIRTY.contains(&self) => table.soil(self, columns)?,
+            _ => {}
         }
         Ok((table.text()?, table.rows.len()))
     }
@@ -431,7 +422,7 @@ impl Table {
     }
 
     /// Makes time, pressure and angle dirty; other columns go with their rows.
-    fn soil(&mut self, dirt: Dirt, columns: [&str; 3]) -> Result<(), String> {
+    fn soil(&mut self, way: Way, columns: [&str; 3]) -> Result<(), String> {
         let places = [
             self.place(columns[0])?,
             self.place(columns[1])?,
@@ -447,7 +438,7 @@ impl Table {
         };
         let numbers = [column(places[0])?, column(places[1])?, column(places[2])?];
         let mut rows = Rows::new(numbers);
-        dirt.soil(&mut rows);
+        soil(way, &mut rows);
         self.rows = rows
             .of
             .iter()

@@ -29,7 +29,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
         lines.extend(effect.parameters.iter().map(parameter));
     }
     let base = content.base.iter();
-    let changed: Vec<&ParameterRow> = base.filter(|row| row.is_changed()).collect();
+    let changed: Vec<&ParameterRow> = base.filter(|row| row.changed).collect();
     if !changed.is_empty() {
         lines.push(base_title(content.answer).into());
         lines.extend(changed.into_iter().map(parameter));

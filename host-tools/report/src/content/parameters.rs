@@ -60,30 +60,11 @@ pub struct ParameterRow {
     pub interval: Option<[String; 2]>,
     /// Why there is none.
     pub unknown: &'static str,
+    /// Whether it was fitted, or moved with those that were.
+    pub changed: bool,
 }
 
 impl ParameterRow {
-    /// Whether it is to be shown where there is room for what changed only.
-    pub fn is_changed(&self) -> bool {
-        self.free || self.is_set()
-    }
-
-    /// Whether it moved although it was not fitted.
-    fn is_set(&self) -> bool {
-        !self.free && self.nominal.as_ref().is_some_and(|it| *it != self.value)
-    }
-
-    /// Why there is no interval.
-    fn why_none(&self) -> &'static str {
-        if self.free {
-            "not determined by these runs"
-        } else if self.is_set() {
-            "set: only its ratio to the others shows"
-        } else {
-            "held"
-        }
-    }
-
     /// The interval, or why there is none.
     pub fn certainty(&self) -> String {
         match &self.interval {
@@ -172,18 +153,22 @@ fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterR
         (Some(value), None) => (short(value), None),
         (None, _) => (String::new(), None),
     };
-    let row = ParameterRow {
-        unknown: "",
+    let nominal = nominal.map(|value| short(in_file(value)));
+    let free = position.is_some();
+    let moved = nominal.as_ref().is_some_and(|it| *it != value);
+    ParameterRow {
         name: name.rsplit('.').next().unwrap_or(&name).to_owned(),
         symbol: fit.model.row(id).map_or("", |row| row.symbol),
         unit: parameter_unit(&fit.model, id),
-        nominal: nominal.map(|value| short(in_file(value))),
+        unknown: match (free, moved) {
+            (true, _) => "not determined by these runs",
+            (false, true) => "set: only its ratio to the others shows",
+            (false, false) => "held",
+        },
+        changed: free || moved,
+        nominal,
         value,
-        free: position.is_some(),
+        free,
         interval,
-    };
-    ParameterRow {
-        unknown: row.why_none(),
-        ..row
     }
 }
