@@ -161,8 +161,7 @@ fn an_image_says_that_it_is_whole_and_does_so_in_time() {
     let answer = bench.obey(Command::Hello);
     assert_eq!(identity(&answer).image, Some(image));
     println!("the first sample came before {first_s:.2} s");
-    // The whole image is read first. A computer waits for seconds.
-    assert!(first_s < 0.5);
+    assert!(first_s < 0.4);
 }
 
 /// The tail of an upload that was cut off is what was there before. A letter of a text that
