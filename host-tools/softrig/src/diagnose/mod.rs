@@ -695,7 +695,7 @@ impl Diagnosis {
                     expected_delta_chi2: tidy(proposal.evidence),
                 })
                 .collect(),
-            left_out: self.not_used.iter().map(Into::into).collect(),
+            left_out: self.not_used.clone(),
             recordings: files.map(|file| file.path.display().to_string()).collect(),
             ended: self.ended.as_ref().map(|_| EndedBy::Budget),
             not_tried: self

@@ -79,10 +79,8 @@ impl NoiseFloor {
             .fold(0.0, f64::max);
         let groups = repeats(recordings);
         let rest = noise_at_rest(recordings);
-        // Quantisation noise has the RMS step/√12.
-        let steps = quantisation_step / 12f64.sqrt();
         Self {
-            rms: white.max(steps).max(rest.unwrap_or(0.0)),
+            rms: 0.0,
             white,
             agreed,
             repeats: None,
@@ -90,6 +88,18 @@ impl NoiseFloor {
             quantisation_step,
             input: 0.0,
             groups,
+        }
+        .with_white(white)
+    }
+
+    /// The floor with another white noise (rad): the largest of its sources.
+    fn with_white(self, white: f64) -> Self {
+        // Quantisation noise has the RMS step/√12.
+        let steps = self.quantisation_step / 12f64.sqrt();
+        Self {
+            rms: white.max(steps).max(self.rest.unwrap_or(0.0)),
+            white,
+            ..self
         }
     }
 
@@ -103,12 +113,7 @@ impl NoiseFloor {
             return self;
         };
         let white = self.white.min(seen);
-        let steps = self.quantisation_step / 12f64.sqrt();
-        Self {
-            rms: white.max(steps).max(self.rest.unwrap_or(0.0)),
-            white,
-            ..self
-        }
+        self.with_white(white)
     }
 
     /// The floor, if a structure leaves so much (rad): the noise is not more.

@@ -10,7 +10,7 @@ use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
 use softrig_formats::bounded::read_text;
 use softrig_formats::error::InputError;
-use softrig_formats::left_out::{LeftOut, What};
+use softrig_formats::left_out::LeftOut;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::PASCAL_PER_KPA;
 use softrig_formats::settings_file::Zeros as BoardZeros;
@@ -90,7 +90,7 @@ pub struct Verdict {
     pub not_tried: Vec<String>,
     /// What was left out of the files, or changed in them.
     #[serde(skip_serializing_if = "Vec::is_empty", default)]
-    pub left_out: Vec<NotUsed>,
+    pub left_out: Vec<LeftOut>,
     /// Files that were fitted, then files held out.
     pub recordings: Vec<String>,
     /// Random seed.
@@ -99,41 +99,6 @@ pub struct Verdict {
     pub tool_version: String,
     /// Wall time in seconds.
     pub seconds: f64,
-}
-
-/// What was left out of a file, or changed in it, by the same rule.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
-pub struct NotUsed {
-    /// Its kind, such as `impossible_angle`.
-    #[schemars(with = "String")]
-    pub what: What,
-    /// The file.
-    pub file: String,
-    /// How many.
-    pub count: usize,
-    /// The first of them: `line 12`, or `sample 12` in a format without lines.
-    pub places: Vec<String>,
-    /// How it is handled.
-    pub text: String,
-}
-
-impl From<&LeftOut> for NotUsed {
-    fn from(left_out: &LeftOut) -> Self {
-        let LeftOut {
-            what,
-            file,
-            count,
-            places,
-            text,
-        } = left_out.clone();
-        Self {
-            what,
-            file,
-            count,
-            places,
-            text,
-        }
-    }
 }
 
 /// What ended a search.

@@ -240,8 +240,14 @@ impl<'a> Signal<'a> {
             mark(&mut bad, &found, Why::Isolated);
         }
         // The shortest first: what lies between two of them is not one.
-        while let Some((samples, why)) = self.shortest_stuck(&kept_of(&bad), excused) {
-            mark(&mut bad, &samples, why);
+        loop {
+            let found = self.shortest_stuck(&kept_of(&bad), excused);
+            if found.is_empty() {
+                break;
+            }
+            for (samples, why) in found {
+                mark(&mut bad, &samples, why);
+            }
         }
         stretches(&bad)
     }
@@ -270,7 +276,7 @@ impl<'a> Signal<'a> {
 
     /// The first two and the last two of the `kept` samples, where they stand out from the next
     /// ones by more than any two others do.
-    fn at_the_ends(&self, kept: &[usize]) -> impl Iterator<Item = usize> {
+    fn at_the_ends(&self, kept: &[usize]) -> Vec<usize> {
         // A recording may begin or end with a step of its pressure.
         let kept = if self.channel == Channel::Angle {
             kept
@@ -284,7 +290,7 @@ impl<'a> Signal<'a> {
             .map(change)
             .fold(FAR * self.usual, f64::max);
         let (first, last) = (inner.first().copied(), inner.last().copied());
-        let far = move |sample: usize, from: usize| {
+        let far = |sample: usize, from: usize| {
             (self.values[sample] - self.values[from]).abs() > 2.0 * APART * largest
         };
         let begin = kept.iter().take(2).copied().zip(first.into_iter().cycle());
@@ -296,10 +302,9 @@ impl<'a> Signal<'a> {
             .zip(last.into_iter().cycle());
         begin
             .chain(end)
-            .filter(move |(sample, from)| far(*sample, *from))
+            .filter(|(sample, from)| far(*sample, *from))
             .map(|(sample, _)| sample)
-            .collect::<Vec<_>>()
-            .into_iter()
+            .collect()
     }
 
     /// Samples far beyond the others, entered and left in one step from among them. A recording of
@@ -321,12 +326,13 @@ impl<'a> Signal<'a> {
         found
     }
 
-    /// The shortest run of one value among the `kept` samples that is not believed.
+    /// The shortest runs of one value among the `kept` samples that are not believed: all of the
+    /// same length, so that a long file with many is not read once for each.
     fn shortest_stuck(
         &self,
         kept: &[usize],
         excused: &dyn Fn(usize) -> bool,
-    ) -> Option<(Vec<usize>, Why)> {
+    ) -> Vec<(Vec<usize>, Why)> {
         let values: Vec<f64> = kept.iter().map(|&k| self.values[k]).collect();
         let runs: Vec<Range<usize>> = equal_runs(&values).collect();
         let longest_by_chance = Self::longest_by_chance(&runs, values.len());
@@ -346,11 +352,14 @@ impl<'a> Signal<'a> {
             let is_long = longest_by_chance.is_some_and(|most| run.len() as f64 > most);
             is_long.then(|| (run.start + 1..run.end, Why::Frozen))
         };
-        runs.iter()
-            .filter(|run| run.len() >= 2)
-            .filter_map(is_stuck)
-            .min_by_key(|(run, _)| run.len())
+        let runs = runs.iter().filter(|run| run.len() >= 2);
+        let mut stuck: Vec<(Range<usize>, Why)> = runs.filter_map(is_stuck).collect();
+        let shortest = stuck.iter().map(|(run, _)| run.len()).min();
+        stuck.retain(|(run, _)| Some(run.len()) == shortest);
+        stuck
+            .into_iter()
             .map(|(run, why)| (kept[run].to_vec(), why))
+            .collect()
     }
 
     /// Whether a value was entered and left by steps that no other sample makes, there and back.
