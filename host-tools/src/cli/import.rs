@@ -24,7 +24,7 @@ use softrig_link::rig_file::RIG_FILE;
 /// Shows a file of other tools, asks which columns are what, and writes the answers down.
 ///
 /// It shows the first rows and a small picture of each column, and guesses. Two questions follow:
-/// the columns, and their units; Enter agrees. What was answered is written as [recording] into
+/// the columns, and their units; Enter agrees. What was answered is written as `[recording]` into
 /// softrig.toml of this folder, which every command that reads recordings honours.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
