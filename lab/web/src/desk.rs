@@ -13,7 +13,7 @@ use softrig::estimate::placement::with_tip_load;
 use softrig::first_model::{Evidence, Geometry, from_nothing, from_recordings};
 use softrig::synth::example::{Hidden, NOISE_DEG, make};
 use softrig_formats::bounded::not_text;
-use softrig_formats::columns::{self, Columns, Layout, Names, Quantity, unit_of};
+use softrig_formats::columns::{self, Columns, Layout, Names, Quantity};
 use softrig_formats::error::{InputError, UNKNOWN_COLUMN};
 use softrig_formats::material_name::named;
 use softrig_formats::model_file::ModelFile;
@@ -116,7 +116,7 @@ impl Said {
                 names.set(quantity.key(), column.trim()).map_err(refused)?;
             }
             if !unit.is_empty() {
-                columns.set(unit_of(quantity.key(), unit).map_err(refused)?);
+                columns.say_unit(quantity.key(), unit).map_err(refused)?;
             }
         }
         if let Some(air) = self.air_kpa {
