@@ -328,3 +328,57 @@ fn number(of: &AttrValue) -> Option<f64> {
         _ => return None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hdf5_pure::FileBuilder;
+
+    /// A file with a time in ms, 40 pressures with these attributes, and an angle.
+    fn read_with(attributes: &[(&str, AttrValue)], layout: &Layout) -> Result<Samples, InputError> {
+        let numbers = |scale: f64| (0..40).map(|k| scale * f64::from(k)).collect::<Vec<f64>>();
+        let mut file = FileBuilder::new();
+        file.create_dataset("time_s")
+            .with_f64_data(&numbers(20.0))
+            .set_attr("unit", AttrValue::AsciiString("ms".into()));
+        let pressure = file.create_dataset("pressure_kpa");
+        pressure.with_f64_data(&numbers(1.0));
+        for (name, value) in attributes {
+            pressure.set_attr(name, value.clone());
+        }
+        file.create_dataset("angle_deg")
+            .with_f64_data(&numbers(0.5));
+        let bytes = file.finish().unwrap();
+        read(&bytes[..], Path::new("run.h5"), layout, Limits::RECORDING)
+    }
+
+    #[test]
+    fn attributes_of_a_data_set_are_applied_or_refused() {
+        let text = |it: &str| AttrValue::String(it.into());
+        let plain = Layout::default();
+        let samples = read_with(&[("units", text("psi"))], &plain).unwrap();
+        assert!((samples.time_s[1] - 0.02).abs() < 1e-12);
+        assert!((samples.pressure_kpa[1] - 6.894_757).abs() < 1e-9);
+        let packed = [
+            ("scale_factor", AttrValue::F64(0.5)),
+            ("add_offset", AttrValue::F64(3.0)),
+            ("_FillValue", AttrValue::F64(2.0)),
+        ];
+        let samples = read_with(&packed, &plain).unwrap();
+        assert_eq!(samples.pressure_kpa[..3], [3.0, 3.5, 4.5]);
+        assert_eq!(samples.len(), 39);
+        let filled = read_with(&packed[2..], &plain).unwrap();
+        assert_eq!(filled.pressure_kpa[..3], [0.0, 1.0, 3.0]);
+        assert_eq!(filled.left_out[0].places, ["sample 3"]);
+        let volts = [("Units", text("V"))];
+        let said = read_with(&volts, &plain).unwrap_err().to_string();
+        for part in [
+            "run.h5, column pressure_kpa: is in \"V\"",
+            "--units pressure=UNIT",
+        ] {
+            assert!(said.contains(part), "{said}");
+        }
+        let as_kpa = Layout::from(Columns::of_units("pressure=kpa").unwrap());
+        assert!(read_with(&volts, &as_kpa).is_ok());
+    }
+}

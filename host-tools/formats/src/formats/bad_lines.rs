@@ -68,3 +68,55 @@ impl BadLines {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bounded::Limits;
+    use crate::formats::{Decimals, Sheet, Values};
+
+    /// Forty rows, of which the first have no pressure.
+    fn without(missing: usize, layout: &Layout) -> Result<Samples, InputError> {
+        let numbers = |of: &dyn Fn(usize) -> f64| {
+            Values::Numbers((0..40).map(of).collect(), Decimals::Various)
+        };
+        let pressure = |k| if k < missing { f64::NAN } else { 5.0 };
+        let sheet = Sheet {
+            columns: vec![
+                ("time_s".into(), numbers(&|k| k as f64)),
+                ("pressure_kpa".into(), numbers(&pressure)),
+                ("angle_deg".into(), numbers(&|k| k as f64)),
+                ("seq".into(), numbers(&|k| k as f64)),
+            ],
+            ..Sheet::default()
+        };
+        sheet.samples(Path::new("a.npz"), layout, Limits::RECORDING, "array")
+    }
+
+    #[test]
+    fn rows_without_a_number_are_left_out_while_they_are_few() {
+        let plain = Layout::default();
+        let samples = without(2, &plain).unwrap();
+        assert_eq!(samples.time_s[0], 2.0);
+        assert_eq!(samples.extra[0].fields[0], "2");
+        assert_eq!(samples.lines.place(0), "sample 3");
+        assert_eq!(samples.left_out[0].places, ["sample 1", "sample 2"]);
+        assert!(without(0, &plain).unwrap().left_out.is_empty());
+        for refused in [
+            without(3, &plain),
+            without(
+                1,
+                &Layout {
+                    strict: true,
+                    ..plain.clone()
+                },
+            ),
+        ] {
+            let said = refused.unwrap_err().to_string();
+            assert!(
+                said.contains("column pressure_kpa: row 1: NaN is not"),
+                "{said}"
+            );
+        }
+    }
+}
