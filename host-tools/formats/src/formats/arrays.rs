@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::{LARGEST_NUMBER, Samples, not_usable};
+use super::{Samples, unusable};
 use crate::bounded::Limits;
 use crate::columns::{Columns, Layout, Quantity};
 use crate::error::InputError;
@@ -31,10 +31,8 @@ impl Samples {
         };
         for row in 0..rows {
             let values = arrays.map(|array| array[row]);
-            for (quantity, value) in Quantity::ALL.into_iter().zip(values) {
-                if value.is_nan() || value.abs() > LARGEST_NUMBER {
-                    return Err(at(quantity, row, not_usable(&value.to_string())));
-                }
+            if let Some((quantity, error)) = unusable(values) {
+                return Err(at(quantity, row, error));
             }
             if let Some((quantity, question)) = samples.push(values) {
                 let array = quantity.column();

@@ -552,13 +552,11 @@ impl Sheet {
                 ..error.in_file(path)
             };
             let values = [time, pressure, angle];
-            let unusable = Quantity::ALL
-                .into_iter()
-                .zip(values)
-                .find(|(_, value)| value.is_nan() || value.abs() > LARGEST_NUMBER);
-            if let Some((quantity, value)) = unusable {
-                let error = place(not_usable(&value.to_string()));
-                bad.take(row as u64, error.in_column(layout.names.of(quantity)));
+            if let Some((quantity, error)) = unusable(values) {
+                bad.take(
+                    row as u64,
+                    place(error).in_column(layout.names.of(quantity)),
+                );
                 continue;
             }
             kept.push(row - 1);
@@ -745,6 +743,14 @@ fn optional_name(found: &str, layout: &Layout) -> String {
         .map(|(name, _)| name.clone())
         .next()
         .unwrap_or_else(|| found.to_owned())
+}
+
+/// The first of three numbers that is none, or that no sensor shows.
+fn unusable(values: [f64; 3]) -> Option<(Quantity, InputError)> {
+    let mut all = Quantity::ALL.into_iter().zip(values);
+    let is_not = |value: f64| value.is_nan() || value.abs() > LARGEST_NUMBER;
+    let (quantity, value) = all.find(|(_, value)| is_not(*value))?;
+    Some((quantity, not_usable(&value.to_string())))
 }
 
 /// A number that is none, or that no sensor shows.
