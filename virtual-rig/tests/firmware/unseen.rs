@@ -5,9 +5,20 @@
 //! Every table of `docs/safety.md` is printed by one of these with `SOFTRIG_ALL_TESTS`; without, they
 //! play some of its cells.
 
+use std::path::Path;
+
 use model_core::{actuator::Model, dynamics::Dynamics};
-use virtual_rig::{Defect, Options};
-use wire::{command::Command, fault::Fault, protocol::ControlMode, settings::Key, state::State};
+use softrig::synth::example::rig_models;
+use softrig_formats::model_file::ModelFile;
+use virtual_rig::{Bench as Errors, Defect, Options, bench::draw_gas};
+use wire::{
+    command::Command,
+    decimal::Hundredths,
+    fault::Fault,
+    protocol::{ControlMode, Segment},
+    settings::Key,
+    state::State,
+};
 
 use crate::bench::Bench;
 
@@ -255,6 +266,140 @@ fn mains_beside_the_wires_is_no_fault() {
             };
             println!("{wave}, {when:?}: {ended:?}");
             assert_eq!(ended.fault, None, "{ended:?}");
+        }
+    }
+}
+
+/// A healthy rig that is drawn: actuator, what its sensors show at zero, and its air, which warms up
+/// and leaks. As stiff as many times the drawn one, so that `max.deg` allows more.
+fn drawn(seed: u64, stiffness: f64) -> Options {
+    let models = rig_models(seed, None).expect("an actuator");
+    let truth = ModelFile::parse(&models.truth, Path::new("drawn")).expect("it was written so");
+    let believed = *truth.model.dynamics();
+    let dynamics = Dynamics {
+        stiffness: stiffness * believed.stiffness,
+        ..believed
+    };
+    let effects: Vec<_> = truth.model.effects().collect();
+    let actuator = Model::new(dynamics, &effects).expect("it is only stiffer");
+    let mut options = Options::with_actuator(actuator);
+    Errors::draw(seed).apply(&mut options.plant);
+    options.plant.gas = draw_gas(seed);
+    options.seed = seed;
+    options
+}
+
+/// What the arming demands and the run watches is there in every rig that is well.
+#[test]
+fn no_healthy_rig_is_a_fault() {
+    let seeds = if all_tests() { 1..41 } else { 1..3 };
+    let mut faults = Vec::new();
+    for seed in seeds {
+        let Some(mut bench) = Bench::start(drawn(seed, 5.0)) else {
+            return;
+        };
+        bench.run(1.5);
+        // To the limit at once, held, let go, and there again more slowly.
+        let step = |level: f32, duration_ms| Segment::Step {
+            mode: ControlMode::Pressure,
+            level: Hundredths::round(level),
+            duration_ms,
+        };
+        let segments = [
+            step(ASKED_KPA, 20_000),
+            step(0.0, 8_000),
+            step(60.0, 5_000),
+            step(ASKED_KPA, 20_000),
+        ];
+        bench.obey(Command::Load(4));
+        for (index, segment) in (0..).zip(segments) {
+            bench.obey(Command::Segment { index, segment });
+        }
+        bench.obey(Command::Arm);
+        let is_over = |bench: &Bench| matches!(bench.state(), State::Ready | State::Fault);
+        bench.until(40.0, "ready or a fault", is_over);
+        let is_armed = bench.state() == State::Ready;
+        bench.highest_kpa = 0.0;
+        let from_s = bench.rig.time_s();
+        if is_armed {
+            bench.obey(Command::Run(None));
+            bench.run(0.5);
+            bench.until(120.0, "the end of the run", |bench| {
+                bench.state() != State::Running
+            });
+        }
+        let ended = (seed, is_armed, bench.fault(), bench.rig.time_s() - from_s);
+        println!(
+            "{ended:?}, {:.0} kPa, {:?}",
+            bench.highest_kpa,
+            bench.rig.plant()
+        );
+        if bench.fault().is_some() {
+            faults.push(ended);
+        }
+    }
+    assert!(faults.is_empty(), "{faults:?}");
+}
+
+/// A loose contact of the pressure sensor, in gaps that are too short for a fault of their own.
+#[test]
+fn a_pressure_sensor_that_flickers() {
+    let flickers: &[&str] = if all_tests() {
+        &[
+            "20ms,1ms",
+            "20ms,3ms",
+            "20ms,8ms",
+            "37ms,3ms",
+            "60ms,30ms",
+            "50ms,40ms",
+            "55ms,45ms",
+            "200ms,40ms",
+            "60ms,55ms",
+        ]
+    } else {
+        &["20ms,3ms"]
+    };
+    let mut highest_kpa = 0.0_f64;
+    for flicker in flickers {
+        for when in [When::Armed, When::Run, When::After(15.0)] {
+            let defect = format!("flickering-pressure={flicker}");
+            let Some(ended) = play(stiffer(4.0), 5_000.0, &defect, when, 30.0) else {
+                return;
+            };
+            println!("{flicker}, {when:?}: {ended:?}");
+            highest_kpa = highest_kpa.max(ended.highest_kpa);
+        }
+    }
+    assert!(highest_kpa < HIGHEST_KPA, "{highest_kpa} kPa");
+}
+
+/// At 3 000 m, 700 hPa, a rig that is well is no fault, and what its sensor shows keeps the limit. The bound
+/// that knows no sensor is that of sea level: what it lets through is printed.
+#[test]
+fn thin_air_is_no_fault() {
+    let defects: &[&str] = if all_tests() {
+        &[
+            "mains=50Hz,1mV",
+            "late=2s",
+            "late=0.5s",
+            "drifting-pressure=-2kPa/s",
+            "branch",
+        ]
+    } else {
+        &["mains=50Hz,1mV"]
+    };
+    for atmosphere_pa in [70e3, 80e3, 95e3] {
+        for defect in defects {
+            let mut options = stiffer(4.0);
+            options.plant.gas.atmosphere_pa = atmosphere_pa;
+            let Some(ended) = play(options, 5_000.0, defect, When::Run, 60.0) else {
+                return;
+            };
+            println!("{atmosphere_pa} Pa, {defect}: {ended:?}");
+            if defect.starts_with("mains") {
+                assert_eq!(ended.fault, None, "{atmosphere_pa} Pa: {ended:?}");
+                assert!(ended.highest_kpa < 160.0, "{atmosphere_pa} Pa: {ended:?}");
+            }
         }
     }
 }
