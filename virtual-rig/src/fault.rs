@@ -386,6 +386,30 @@ mod tests {
     }
 
     #[test]
+    fn every_fault_is_on_the_pages_and_in_the_table_of_what_finds_it() {
+        for (page, heading) in [
+            (include_str!("../../docs/virtual-rig.md"), "## Faults"),
+            (
+                include_str!("../../docs/hardware/commissioning.md"),
+                "## What finds what",
+            ),
+        ] {
+            let table = page.split_once(heading).expect("a heading").1;
+            let rows = table.lines().filter(|line| line.starts_with("| `"));
+            let first_columns = rows.filter_map(|row| row.split('|').nth(1));
+            let quoted = first_columns.flat_map(|cell| cell.split('`').skip(1).step_by(2));
+            let named: Vec<_> = quoted
+                .filter_map(|word| word.split('=').next())
+                .filter_map(|word| word.parse::<Fault>().ok())
+                .collect();
+            for fault in Fault::ALL {
+                let count = named.iter().filter(|&&it| it == fault).count();
+                assert_eq!(count, 1, "{fault} below {heading}");
+            }
+        }
+    }
+
+    #[test]
     fn times_are_read_and_mistakes_explained() {
         assert_eq!(
             "leak@1.5..4".parse(),
