@@ -53,7 +53,7 @@ static COUNT: SharedByte = SharedByte::new(0);
 static READINGS: Shared<[Oversampled; 2]> = Shared::new([Oversampled::NOT_MEASURED; 2]);
 
 /// A conversion below this (counts), 0.16 V, is of a wire without contact, for however short a time. In
-/// a mean of eight that would only look like less pressure. A power of two: see the assembly.
+/// a mean of sixteen that would only look like less pressure. A power of two: see the assembly.
 const NO_CONTACT: u16 = 32;
 
 /// Marks a sum with such a conversion; sixteen of ten bits leave it free.
