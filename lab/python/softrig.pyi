@@ -84,7 +84,7 @@ class _Names(TypedDict, total=False):
 class _Units(TypedDict, total=False):
     """Units as in ``softrig --units``; common spellings such as ``"sec"`` are accepted too."""
 
-    time: Literal["s", "ms", "us", "ns", "min"] | str
+    time: Literal["s", "ms", "us", "ns", "min", "day"] | str
     pressure: Literal["kpa", "psi", "bar", "mbar", "mpa", "pa", "mmhg"] | str
     angle: Literal["deg", "rad"] | str
 
@@ -482,6 +482,18 @@ class _Experiment:
     separates: list[str]
     expected_delta_chi2: float
 
+class _LeftOut:
+    """What was left out of a file, or changed in it, by the same rule."""
+
+    what: str
+    """Its kind, such as ``"impossible_angle"``; new kinds may come."""
+    file: str
+    count: int
+    places: list[str]
+    """The first of them: ``"line 12"``, or ``"sample 12"`` where a recording has no lines."""
+    text: str
+    """How it is handled, and what to do if that is not meant."""
+
 class _Verdict:
     """The verdict with the names of the JSON, which ``softrig schema`` explains. The JSON's
     ``where`` is called ``places`` here."""
@@ -505,6 +517,7 @@ class _Verdict:
     next_experiment: list[_Experiment]
     ended: Literal["budget"] | None
     not_tried: list[str]
+    left_out: list[_LeftOut]
     recordings: list[str]
     seed: int
     tool_version: str
