@@ -4,10 +4,10 @@ use model_core::catalogue::Kind;
 
 use super::candidates::{Candidate, FitContext, Scales, added};
 use super::executor::{Executor, Unfitted};
-use super::missing_force::Guesses;
+use super::score::Guesses;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::subsample;
+use crate::estimate::subsample::{ENOUGH_TO_FIT, subsample};
 use softrig_formats::model_file::ModelFile;
 
 /// The refitted structure with these effects added, one after the other, each by a final fit.
@@ -23,7 +23,11 @@ pub fn fit(
     executor: Executor<'_>,
 ) -> Result<Candidate, Unfitted> {
     let fitter = Fitter::new(&file.model, data);
-    let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
+    let subsample = subsample(
+        &data.guessing(&refit.fit.nuisances),
+        &refit.fit.model,
+        ENOUGH_TO_FIT,
+    );
     let context = FitContext {
         file,
         fitter: &fitter,
