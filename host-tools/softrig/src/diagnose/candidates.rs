@@ -353,7 +353,7 @@ pub fn added(
     base: &Candidate,
     kind: Kind,
 ) -> Result<Candidate, Unfitted> {
-    let predicted = predicted(context, base, kind, Starts::Everywhere)?;
+    let predicted = predicted(context, base, kind, Starts::Scored)?;
     final_fit(context, &coarse_fit(context, &predicted)?, Effort::Full)
 }
 
