@@ -3,28 +3,17 @@
 //! A machine that others use too is slower at times and never faster, so that the best of several
 //! runs is shown, beside the processor time, which others hardly change.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-use clap::Args;
 use serde::Serialize;
 use serde_json::{Value, json};
 use softrig_tests::process::succeed;
 
+use crate::asked::Asked;
 use crate::processor::{self, Of};
-
-/// Times each command of `softrig` on the recordings of an example
-#[derive(Args, Debug)]
-pub struct Options {
-    /// The program to time
-    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
-    rig: PathBuf,
-    /// Where the example goes [default: bench/commands in the folder that cargo builds into]
-    #[arg(long, value_name = "DIR")]
-    folder: Option<PathBuf>,
-}
 
 /// The example; its recordings are steps to three angles, three times each, a staircase and a triangle.
 const EXAMPLE: &str = "example -o demo --hide 2 --effect maxwell_branch";
@@ -111,26 +100,24 @@ struct Timed {
     runs: u32,
 }
 
-impl Options {
-    /// Times every line.
-    ///
-    /// # Errors
-    ///
-    /// If a line fails, or a command has none.
-    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
-        let rig = fs::canonicalize(&self.rig)
-            .map_err(|error| format!("cannot run {}: {error}", self.rig.display()))?;
-        let folder = self.folder.as_deref().unwrap_or(folder);
-        let bench = Bench::make(&rig, folder)?;
-        bench.every_command_has_a_line()?;
-        let machine = machine();
-        let mut lines = Vec::new();
-        for line in LINES {
-            eprintln!("softrig {line}");
-            lines.push(bench.time(line)?);
-        }
-        Ok(figures(&machine, &lines))
+/// Times every line.
+///
+/// # Errors
+///
+/// If a line fails, or a command has none.
+pub fn measure(asked: &Asked, folder: &Path) -> Result<Value, String> {
+    let rig = fs::canonicalize(&asked.rig)
+        .map_err(|error| format!("cannot run {}: {error}", asked.rig.display()))?;
+    let folder = asked.folder(folder);
+    let bench = Bench::make(&rig, folder)?;
+    bench.every_command_has_a_line()?;
+    let machine = machine();
+    let mut lines = Vec::new();
+    for line in LINES {
+        eprintln!("softrig {line}");
+        lines.push(bench.time(line)?);
     }
+    Ok(figures(&machine, &lines))
 }
 
 fn figures(machine: &Value, lines: &[Timed]) -> Value {

@@ -2,6 +2,7 @@
 //! JSON value; [`pages`] shows them and writes them into `docs/`.
 #![forbid(unsafe_code)]
 
+pub mod asked;
 pub mod blind;
 pub mod catalogue;
 pub mod commands;

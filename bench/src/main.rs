@@ -8,6 +8,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use serde_json::Value;
+use softrig_bench::asked::Asked;
 use softrig_bench::invariance::ways::Way;
 use softrig_bench::invariance::{calibration, known, run as invariance};
 use softrig_bench::rig_loop::{bench as rig_loop, decide};
@@ -46,14 +47,18 @@ enum Benchmark {
     Calibration(calibration::Options),
     /// What pages show of the code: the effects, and the constants of the diagnosis
     Catalogue,
-    Commands(commands::Options),
+    /// Times each command of `softrig` on the recordings of an example
+    Commands(Asked),
     Decide(decide::Options),
-    Diagnosis(diagnosis::Options),
+    /// Times a whole diagnosis: of the real pendulum where its recordings are at hand, else of a
+    /// simulated example
+    Diagnosis(Asked),
     /// The same question, with recordings that cables, sensors and loggers made dirty
     Dirt(invariance::Options),
     Invariance(invariance::Options),
     Loop(rig_loop::Options),
-    Many(many::Options),
+    /// Diagnoses more and more recordings of 10 s and times each diagnosis
+    Many(Asked),
     Real(real::Options),
     /// Times the simulation that every fit and diagnosis is made of
     Simulate,
@@ -96,13 +101,13 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
         Benchmark::Blind(options) => options.measure(&target.join("blind")),
         Benchmark::Calibration(options) => options.measure(target),
         Benchmark::Catalogue => Ok(catalogue::figures()),
-        Benchmark::Commands(options) => options.measure(&target.join("bench/commands")),
+        Benchmark::Commands(asked) => commands::measure(asked, &target.join("bench/commands")),
         Benchmark::Decide(options) => options.measure(&target.join("decide")),
-        Benchmark::Diagnosis(options) => options.measure(&target.join("bench/example")),
+        Benchmark::Diagnosis(asked) => diagnosis::measure(asked, &target.join("bench/example")),
         Benchmark::Dirt(options) => options.measure(target, "dirt", &Way::DIRTY),
         Benchmark::Invariance(options) => options.measure(target, "invariance", &Way::OTHERS),
         Benchmark::Loop(options) => options.measure(&target.join("loop")),
-        Benchmark::Many(options) => options.measure(&target.join("bench/many")),
+        Benchmark::Many(asked) => many::measure(asked, &target.join("bench/many")),
         Benchmark::Real(options) => options.measure(&target.join("real"), args.docs),
         Benchmark::Simulate => simulate::measure(),
         Benchmark::Pages { file } => known::read_json(file),

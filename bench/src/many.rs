@@ -11,23 +11,13 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
 
-use clap::Args;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg32;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// Diagnoses more and more recordings of 10 s and times each diagnosis
-#[derive(Args, Debug)]
-pub struct Options {
-    /// The program `softrig`
-    #[arg(long = "softrig", value_name = "PATH", overrides_with = "rig")]
-    rig: PathBuf,
-    /// Where the recordings go [default: bench/many in the folder that cargo builds into]
-    #[arg(long, value_name = "DIR")]
-    folder: Option<PathBuf>,
-}
+use crate::asked::Asked;
 
 const COUNTS: [usize; 6] = [10, 50, 100, 200, 500, 1000];
 const SEED: u64 = 4;
@@ -54,24 +44,22 @@ pub(crate) struct Measured {
     pub megabytes: Option<f64>,
 }
 
-impl Options {
-    /// Diagnoses so many and so many recordings.
-    ///
-    /// # Errors
-    ///
-    /// If they cannot be written, or a diagnosis fails.
-    pub fn measure(&self, folder: &Path) -> Result<Value, String> {
-        let folder = self.folder.as_deref().unwrap_or(folder);
-        let model = folder.join("model.toml");
-        let recordings = make(folder, &model)
-            .map_err(|error| format!("cannot write to {}: {error}", folder.display()))?;
-        let mut diagnoses = Vec::new();
-        for count in COUNTS {
-            eprintln!("{count} recordings");
-            diagnoses.push(diagnose(&self.rig, &model, &recordings[..count])?);
-        }
-        Ok(json!({ "benchmark": "many", "diagnoses": diagnoses }))
+/// Diagnoses so many and so many recordings.
+///
+/// # Errors
+///
+/// If they cannot be written, or a diagnosis fails.
+pub fn measure(asked: &Asked, folder: &Path) -> Result<Value, String> {
+    let folder = asked.folder(folder);
+    let model = folder.join("model.toml");
+    let recordings = make(folder, &model)
+        .map_err(|error| format!("cannot write to {}: {error}", folder.display()))?;
+    let mut diagnoses = Vec::new();
+    for count in COUNTS {
+        eprintln!("{count} recordings");
+        diagnoses.push(diagnose(&asked.rig, &model, &recordings[..count])?);
     }
+    Ok(json!({ "benchmark": "many", "diagnoses": diagnoses }))
 }
 
 fn make(folder: &Path, model: &Path) -> std::io::Result<Vec<PathBuf>> {

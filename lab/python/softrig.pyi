@@ -5,7 +5,7 @@ Names say their units: ``_s``, ``_kpa`` (gauge pressure), ``_deg`` (bending angl
 ``_n`` (force).
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
 from typing import Any, Literal, TypeAlias, TypedDict, final, overload
 
@@ -93,6 +93,9 @@ class _Meaning(TypedDict, total=False):
     ``softrig``."""
 
     units: _Units | None
+    """A factor may stand with a unit: ``"psi*100"`` for values times 100."""
+    scale: Mapping[str, Sequence[Sequence[float]]] | None
+    """Two numbers of the file and what they are: ``{"pressure": [[101, 0], [512, 100]]}``."""
     absolute_pressure: bool | float
     """True subtracts the atmospheric pressure at sea level, a number that many kPa."""
     angle_zero_deg: float
@@ -180,7 +183,7 @@ def read(
     ``{"time": "t", "pressure": "p_psi"}`` and ``{"time": "ms", "pressure": "psi"}``.
     ``setup`` says how the rig stood, as far as the metadata of a recording do not:
     ``{"tilt_deg": 90}``. The section ``[recording]`` of ``model`` fills in what they leave
-    open."""
+    open, and then that of ``softrig.toml`` in the working directory."""
 
 @final
 class Model:

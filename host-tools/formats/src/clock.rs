@@ -529,35 +529,36 @@ impl Rebuilt {
             )
         };
         let mut said = Vec::new();
-        if !self.bursts.samples.is_empty() {
-            said.push(one(
-                &self.bursts.samples,
+        let Self {
+            bursts,
+            coarse,
+            scattered,
+            ..
+        } = self;
+        for (pattern, how) in [
+            (
+                bursts,
+                format!("rows arrive in bursts of about {:.0}", bursts.together),
+            ),
+            (
+                coarse,
                 format!(
-                    "rows arrive in bursts of about {:.0}; {}",
-                    self.bursts.together,
-                    even(self.bursts.interval)
+                    "the clock is coarser than the sampling, with {} rows at the same time",
+                    crate::numbers::short(coarse.together)
                 ),
-            ));
-        }
-        if !self.coarse.samples.is_empty() {
-            said.push(one(
-                &self.coarse.samples,
+            ),
+            (
+                scattered,
                 format!(
-                    "the clock is coarser than the sampling, with {} rows at the same time; {}",
-                    crate::numbers::short(self.coarse.together),
-                    even(self.coarse.interval)
+                    "they scatter about an even clock, by {:.0} % of its interval, and the motion is smoother along that clock",
+                    100.0 * scattered.together
                 ),
-            ));
-        }
-        if !self.scattered.samples.is_empty() {
-            said.push(one(
-                &self.scattered.samples,
-                format!(
-                    "they scatter about an even clock, by {:.0} % of its interval, and the motion is smoother along that clock; {}",
-                    100.0 * self.scattered.together,
-                    even(self.scattered.interval)
-                ),
-            ));
+            ),
+        ] {
+            if !pattern.samples.is_empty() {
+                let text = format!("{how}; {}", even(pattern.interval));
+                said.push(one(&pattern.samples, text));
+            }
         }
         if !self.ties.is_empty() {
             said.push(one(

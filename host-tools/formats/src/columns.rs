@@ -261,6 +261,12 @@ impl Scale {
         Self::through([[0.0, 0.0], [factor, 1.0]])
     }
 
+    /// The factor, if it is [of one](Self::times).
+    fn factor(&self) -> Option<f64> {
+        let [_, [factor, _]] = self.points;
+        (Self::times(factor) == Some(*self)).then_some(factor)
+    }
+
     /// Through two points; none if they do not tell a scale.
     pub fn through(points: [[f64; 2]; 2]) -> Option<Self> {
         let [[a, x], [b, y]] = points;
@@ -361,6 +367,18 @@ impl Columns {
             Quantity::Time => self.time.map(Unit::Time),
             Quantity::Pressure => self.pressure.map(Unit::Pressure),
             Quantity::Angle => self.angle.map(Unit::Angle),
+        }
+    }
+
+    /// The unit of a quantity as `--units` takes it, with the factor of its scale if it has one;
+    /// empty where nothing was said.
+    pub fn written(&self, of: Quantity) -> String {
+        let Some(unit) = self.unit(of).map(Unit::name) else {
+            return String::new();
+        };
+        match self.scales[of as usize].and_then(|scale| scale.factor()) {
+            Some(factor) => format!("{unit}*{factor}"),
+            None => unit.to_owned(),
         }
     }
 
@@ -489,7 +507,7 @@ impl Columns {
 /// # Errors
 ///
 /// Says which there are.
-pub fn unit_of(key: &str, unit: &str) -> Result<Unit, String> {
+fn unit_of(key: &str, unit: &str) -> Result<Unit, String> {
     let quantity = Quantity::of_key(key)
         .ok_or_else(|| format!("\"{key}\" is none of time, pressure and angle"))?;
     Unit::of(quantity, unit).ok_or_else(|| {

@@ -4,7 +4,6 @@
 //! report and JSON show alike: how many, in which file, the first places, and how it is handled.
 
 use std::fmt;
-use std::ops::Range;
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -206,23 +205,6 @@ impl Lines {
         format!("{what} {}", self.number(sample))
     }
 
-    /// Those of a range of the samples.
-    pub fn slice(&self, range: &Range<usize>) -> Self {
-        if range.is_empty() {
-            return Self::default();
-        }
-        let later = self
-            .runs
-            .iter()
-            .filter(|(first, _)| *first > range.start && *first < range.end);
-        let runs = std::iter::once((0, self.number(range.start)))
-            .chain(later.map(|(first, number)| (first - range.start, *number)));
-        Self {
-            runs: runs.collect(),
-            is_text: self.is_text,
-        }
-    }
-
     /// Those of the samples at these places, which are in order.
     pub fn pick(&self, samples: impl IntoIterator<Item = usize>) -> Self {
         let mut picked = Self::default();
@@ -248,13 +230,13 @@ mod tests {
         };
         assert_eq!(lines(&text, 6), [2, 3, 4, 7, 8, 12]);
         assert_eq!(text.place(3), "line 7");
-        let cut = text.slice(&(2..5));
+        let cut = text.pick(2..5);
         assert_eq!(lines(&cut, 3), [4, 7, 8]);
-        assert_eq!(lines(&cut.slice(&(1..3)), 2), [7, 8]);
+        assert_eq!(lines(&cut.pick(1..3), 2), [7, 8]);
         assert_eq!(lines(&text.pick([0, 3, 5]), 3), [2, 7, 12]);
         let samples = Lines::default();
         assert_eq!(samples.place(0), "sample 1");
-        assert_eq!(samples.slice(&(10..20)).place(2), "sample 13");
+        assert_eq!(samples.pick(10..20).place(2), "sample 13");
         assert_eq!(samples.pick([4, 6]).place(1), "sample 7");
     }
 

@@ -132,8 +132,12 @@ impl ModelFile {
         let mut document: DocumentMut = self.text.parse().unwrap_or_default();
         let dynamics = document["dynamics"].or_insert(Item::Table(Table::new()));
         for (id, row) in base() {
-            if let Some(value) = model.value(id) {
-                replace_number(&mut dynamics[row.key], tidy(row.unit.from_si(value)));
+            let shown = |of: &Model<f64>| Some(tidy(row.unit.from_si(of.value(id)?)));
+            if let Some(value) = shown(model) {
+                if shown(&self.model) != Some(value) {
+                    forget_convention(dynamics, row.key);
+                }
+                replace_number(&mut dynamics[row.key], value);
             }
         }
         let list = document["effect"].or_insert(Item::ArrayOfTables(ArrayOfTables::new()));
@@ -302,6 +306,22 @@ pub fn parameter_unit(model: &Model<f64>, id: ParameterId) -> &'static str {
 /// Converts a parameter from SI units to the unit of files.
 pub fn to_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
     model.row(id).map_or(value, |row| row.unit.from_si(value))
+}
+
+/// How the comment above a number of a first model begins to say that nobody measured it.
+pub const BY_CONVENTION: &str = "by convention: ";
+
+/// Says of a number that was chosen, in the comment above it, that it was fitted since.
+fn forget_convention(section: &mut Item, key: &str) {
+    let Some(mut key) = section.as_table_mut().and_then(|it| it.key_mut(key)) else {
+        return;
+    };
+    let decor = key.leaf_decor_mut();
+    let above = decor.prefix().and_then(|it| it.as_str());
+    if let Some((name, _)) = above.and_then(|it| it.split_once(BY_CONVENTION)) {
+        let above = format!("{name}fitted since this model was made\n");
+        decor.set_prefix(above);
+    }
 }
 
 /// Replaces a number and keeps the comment beside it.
@@ -1015,6 +1035,22 @@ force_n = 0.02
 
     fn parse(text: &str) -> Result<ModelFile, InputError> {
         ModelFile::parse(text, Path::new("m.toml"))
+    }
+
+    #[test]
+    fn a_number_that_was_chosen_and_is_fitted_now_says_so() {
+        let text = "schema = 1\n[dynamics]\n# effective inertia M; by convention: it shows in ratios\ninertia_kg_m = 1.0\n# damping C; by convention: it does not show\ndamping_n_s_per_rad = 50.0\nstiffness_n_per_rad_n = 1.0\nexponent = 1.0\ninput_gain_n_per_kpa = 1.0\n";
+        let file = ModelFile::parse(text, Path::new("m.toml")).unwrap();
+        assert_eq!(file.text_with(&file.model, ""), text);
+        let damping = ParameterId::BASE[1];
+        let moved = file.text_with(&file.model.with_value(damping, 5.0), "");
+        assert!(
+            moved.contains(
+                "\n# damping C; fitted since this model was made\ndamping_n_s_per_rad = 5.0\n"
+            ),
+            "{moved}"
+        );
+        assert!(moved.contains("by convention: it shows in ratios\ninertia_kg_m = 1.0"));
     }
 
     #[test]

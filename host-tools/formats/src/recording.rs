@@ -442,37 +442,15 @@ impl Recording {
 
     /// A range of the samples, under the same name.
     pub fn slice(&self, range: &Range<usize>) -> Self {
-        let pick = |values: &[f64]| values[range.clone()].to_vec();
+        let samples: Vec<usize> = range.clone().collect();
+        let removed = self.removed.iter();
         Self {
-            time: pick(&self.time),
-            pressure: pick(&self.pressure),
-            angle: pick(&self.angle),
-            extra: self
-                .extra
-                .iter()
-                .map(|column| Column {
-                    name: column.name.clone(),
-                    fields: column.fields[range.clone()].to_vec(),
-                })
-                .collect(),
-            breaks: self
-                .breaks
-                .iter()
-                .filter(|&&at| range.start < at && at < range.end)
-                .map(|at| at - range.start)
-                .collect(),
-            stamps: self.stamps.as_deref().map(pick),
-            lines: self.lines.slice(range),
-            removed: self
-                .removed
-                .iter()
-                .filter_map(|removed| removed.within(range))
-                .collect(),
-            ..self.header()
+            removed: removed.filter_map(|it| it.within(range)).collect(),
+            ..self.picked(&samples)
         }
     }
 
-    /// Some of the samples, in order, under the same name.
+    /// Some of the samples, in order, under the same name; they are taken to be believed.
     pub fn picked(&self, samples: &[usize]) -> Self {
         let pick = |values: &[f64]| samples.iter().map(|&k| values[k]).collect();
         let gone = |at: &usize| samples.partition_point(|k| k < at);
@@ -495,19 +473,11 @@ impl Recording {
             stamps: self.stamps.as_deref().map(pick),
             lines: self.lines.pick(samples.iter().copied()),
             removed: Vec::new(),
-            ..self.header()
-        }
-    }
-
-    /// What belongs to the whole recording: all but its samples.
-    fn header(&self) -> Self {
-        Self {
             name: self.name.clone(),
             path: self.path.clone(),
             meta: self.meta.clone(),
             columns: self.columns,
             left_out: self.left_out.clone(),
-            ..Self::default()
         }
     }
 

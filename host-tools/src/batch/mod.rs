@@ -149,6 +149,8 @@ fn with_results(inputs: &str, verdict: &[u8], repaired: &[u8]) -> String {
 pub struct Settings {
     /// Where the recordings stand in their files, as far as the command line says.
     pub layout: Layout,
+    /// The same, where neither command line, case nor model says it: as `softrig.toml` does.
+    pub folder: Layout,
     /// Random seed.
     pub seed: u64,
     /// Effects of the user's own, tried in every case.
@@ -434,6 +436,9 @@ fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
         settings.seed,
         settings.layout.or(&case.layout)
     );
+    if settings.folder != Layout::default() {
+        let _ = writeln!(text, "# folder {:?}", settings.folder);
+    }
     if let Some(budget) = settings.budget {
         // Less time may have found less.
         let _ = writeln!(text, "# budget {budget:?}");
@@ -467,7 +472,8 @@ fn solve(case: &Case, settings: &Settings, batch: &Progress) -> anyhow::Result<S
     if let Some(own) = &settings.own {
         own.check_beside(&file.model)?;
     }
-    let layout = settings.layout.or(&case.layout).or(&file.recording);
+    let said = settings.layout.or(&case.layout);
+    let layout = said.or(&file.recording).or(&settings.folder);
     let recordings = read_all(&case.recordings, &layout, &mut warn)?;
     let holdout = read_all(&case.holdout, &layout, &mut warn)?;
     let file = with_tip_load(file, &recordings);

@@ -81,7 +81,7 @@ fn layout(files: &[ModelFile], args: &Args) -> Result<Layout, InputError> {
         }
     }
     let by_models = said.map(|file| file.recording.clone()).unwrap_or_default();
-    Ok(args.input.layout().or(&by_models))
+    args.input.layout_over(&by_models)
 }
 
 /// Runs the command.

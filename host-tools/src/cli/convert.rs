@@ -57,10 +57,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .rows_only(!writes_metadata(from, to, *format));
         output::check(&[output], args.recordings.iter().chain(&args.model))?;
     }
-    let layout = match &args.model {
-        Some(model) => args.input.layout().or(&super::read_model(model)?.recording),
-        None => args.input.layout_in_folder()?,
+    let of_model = match &args.model {
+        Some(model) => super::read_model(model)?.recording,
+        None => Layout::default(),
     };
+    let layout = args.input.layout_over(&of_model)?;
     for (from, (to, format)) in args.recordings.iter().zip(&outputs) {
         let rows = convert(from, to, *format, &layout)?;
         super::print(&format!("{}: {rows} samples\n", to.display()))?;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 
-use super::input::InputArgs;
+use super::input::{InputArgs, layout_of_folder};
 use super::json::JsonArgs;
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
@@ -14,6 +14,7 @@ use super::watch::Watched;
 use crate::batch::{self, Batch, Share, manifest};
 use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
+use softrig::estimate::placement::with_tip_load;
 use softrig_formats::error::write_atomically;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{check_distinct, read_all_to_show};
@@ -153,6 +154,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
     let mut all = manifest::open(path)?;
     let settings = batch::Settings {
         layout: args.input.layout(),
+        folder: layout_of_folder()?,
         seed: args.seed,
         own: match &args.effects {
             Some(path) => Some(OwnEffects::read_for_any(path)?),
@@ -197,9 +199,10 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         read.chain([model]).chain(&args.effects),
     )?;
     check_distinct(&args.recordings, &args.holdout)?;
-    let layout = args.input.layout();
-    let (file, mut recordings) = super::read_to_show(model, &args.recordings, &layout)?;
-    let layout = layout.or(&file.recording);
+    let file = super::read_model(model)?;
+    let layout = args.input.layout_over(&file.recording)?;
+    let mut recordings = read_all_to_show(&args.recordings, &layout, super::warn)?;
+    let file = with_tip_load(file, &recordings);
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,

@@ -181,7 +181,7 @@ fn starting_as(
     args: &Args,
     file: &ModelFile,
 ) -> Result<Defaults, InputError> {
-    let layout = args.input.layout().or(&file.recording);
+    let layout = args.input.layout_over(&file.recording)?;
     let (recording, warnings) = Recording::read_as(path, &layout)?;
     for warning in recording.remarks(warnings) {
         super::warn(&warning);

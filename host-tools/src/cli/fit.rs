@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&model, &args.recordings, &args.input.layout())?;
+    let (file, recordings) = super::read(&model, &args.recordings, &args.input)?;
     let found = refit(&file, &recordings)?;
     let mut text = table(&file, &found);
     let Refit {

@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     check_distinct(&args.recordings, &args.after)?;
-    let layout = args.input.layout_in_folder()?;
+    let layout = args.input.layout_over(&Layout::default())?;
     let before = gaps(&args.recordings, &layout)?;
     let after = gaps(&args.after, &layout)?;
     let gap = BoardGap::of(&before, &after);

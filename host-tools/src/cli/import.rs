@@ -132,6 +132,7 @@ fn looked_at(path: &Path, said: &Layout) -> Result<(String, Guess), InputError> 
 fn picture(path: &Path, overview: &Overview) -> String {
     const FIRST: usize = 3;
     const NAME: usize = 28;
+    const WIDTH: usize = 32;
     let mut text = format!(
         "{}: {} columns, {} rows\n\n",
         path.display(),
@@ -145,7 +146,6 @@ fn picture(path: &Path, overview: &Overview) -> String {
             .take(FIRST)
             .map(|row| row[at].as_str())
             .collect();
-        let numbers = overview.numbers(at);
         let shown: String = printable_line(name).chars().take(NAME).collect();
         let first = printable_line(&first.join(" "))
             .chars()
@@ -153,40 +153,27 @@ fn picture(path: &Path, overview: &Overview) -> String {
             .collect::<String>();
         let _ = writeln!(
             text,
-            "{:>4}  {shown:<NAME$}  {}  {first}",
+            "{:>4}  {shown:<NAME$}  {:<WIDTH$}  {first}",
             format!("#{}", at + 1),
-            course(&numbers)
+            bars(&overview.course(at, WIDTH))
         );
     }
     text.push('\n');
     text
 }
 
-/// The course of some numbers in one line, from the least to the largest.
-fn course(numbers: &[f64]) -> String {
-    const WIDTH: usize = 32;
+/// A course in one line, from the least to the largest.
+fn bars(course: &[f64]) -> String {
     const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
-    let finite = || numbers.iter().copied().filter(|it| it.is_finite());
-    let low = finite().fold(f64::INFINITY, f64::min);
-    let high = finite().fold(f64::NEG_INFINITY, f64::max);
-    let bar = |part: &[f64]| {
-        let there: Vec<f64> = part.iter().copied().filter(|it| it.is_finite()).collect();
-        if there.is_empty() {
+    let bar = |height: &f64| {
+        if height.is_nan() {
             return ' ';
         }
-        let mean = there.iter().sum::<f64>() / there.len() as f64;
-        let share = if high > low {
-            (mean - low) / (high - low)
-        } else {
-            0.0
-        };
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // It is from 0 to 7.
-        let height = (share * (BARS.len() - 1) as f64).round() as usize;
+        let height = (height * (BARS.len() - 1) as f64).round() as usize;
         BARS[height.min(BARS.len() - 1)]
     };
-    let size = numbers.len().div_ceil(WIDTH).max(1);
-    let line: String = numbers.chunks(size).map(bar).collect();
-    format!("{line:<WIDTH$}")
+    course.iter().map(bar).collect()
 }
 
 /// The two questions.

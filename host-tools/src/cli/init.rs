@@ -287,7 +287,7 @@ impl Args {
             return Ok(Known {
                 geometry: None,
                 recordings: self.recording.clone(),
-                layout: self.input.layout_in_folder()?,
+                layout: self.input.layout_over(&Layout::default())?,
                 output: self.output.clone(),
             });
         };
@@ -298,7 +298,7 @@ impl Args {
                 assumed: false,
             }),
             recordings: self.recording.clone(),
-            layout: self.input.layout_in_folder()?,
+            layout: self.input.layout_over(&Layout::default())?,
             output: self.output.clone(),
         })
     }
@@ -451,7 +451,7 @@ fn ask(args: &Args) -> anyhow::Result<Option<Known>> {
             assumed: false,
         }),
     };
-    let (recordings, layout) = ask_recordings(args.input.layout())?;
+    let (recordings, layout) = ask_recordings(args.input.layout_over(&Layout::default())?)?;
     let output: String = Input::new()
         .with_prompt("Write the model to")
         .default(args.output.display().to_string())

@@ -101,13 +101,14 @@ pub fn layout_of_folder() -> Result<Layout, InputError> {
 }
 
 impl InputArgs {
-    /// The layout given on the command line, and what it leaves open as the folder has it.
+    /// How every command reads its recordings: as the command line says, then as the model file
+    /// does (`model`; the default without one), then as the folder does.
     ///
     /// # Errors
     ///
     /// Faults of `softrig.toml`.
-    pub fn layout_in_folder(&self) -> Result<Layout, InputError> {
-        Ok(self.layout().or(&layout_of_folder()?))
+    pub fn layout_over(&self, model: &Layout) -> Result<Layout, InputError> {
+        Ok(self.layout().or(model).or(&layout_of_folder()?))
     }
 
     /// The layout of the recordings given on the command line.

@@ -15,7 +15,7 @@ pub mod flash;
 pub mod gap;
 pub mod import;
 pub mod init;
-pub(crate) mod input;
+pub mod input;
 pub(crate) mod json;
 pub mod linearise;
 #[cfg_attr(not(feature = "lab"), path = "live_left_out.rs")]
@@ -44,11 +44,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use self::input::InputArgs;
 use softrig::estimate::placement::with_tip_load;
-use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
-use softrig_formats::recording::{Recording, read_all, read_all_to_show};
+use softrig_formats::recording::{Recording, read_all};
 use softrig_formats::setup::Setup;
 use softrig_formats::terminal::remark;
 
@@ -61,35 +61,21 @@ pub(crate) fn warn(text: &str) {
 
 /// Reads a model, with its warnings.
 pub(crate) fn read_model(path: &Path) -> Result<ModelFile, InputError> {
-    let mut file = ModelFile::read(path)?;
+    let file = ModelFile::read(path)?;
     for warning in &file.warnings {
         warn(warning);
     }
-    // What the model leaves open about recordings, the folder may say.
-    file.recording = file.recording.or(&input::layout_of_folder()?);
     Ok(file)
 }
 
-/// Reads a model and recordings, with their warnings. The model gives the layout of the
-/// recordings as far as the command line does not.
+/// Reads a model and recordings, with their warnings.
 pub(crate) fn read(
     model: &Path,
     recordings: &[PathBuf],
-    layout: &Layout,
+    input: &InputArgs,
 ) -> Result<(ModelFile, Vec<Recording>), InputError> {
     let file = read_model(model)?;
-    let recordings = read_all(recordings, &layout.or(&file.recording), warn)?;
-    Ok((with_tip_load(file, &recordings), recordings))
-}
-
-/// Like [`read`], for a command that shows what was left out of the files itself.
-pub(crate) fn read_to_show(
-    model: &Path,
-    recordings: &[PathBuf],
-    layout: &Layout,
-) -> Result<(ModelFile, Vec<Recording>), InputError> {
-    let file = read_model(model)?;
-    let recordings = read_all_to_show(recordings, &layout.or(&file.recording), warn)?;
+    let recordings = read_all(recordings, &input.layout_over(&file.recording)?, warn)?;
     Ok((with_tip_load(file, &recordings), recordings))
 }
 

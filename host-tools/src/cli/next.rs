@@ -205,8 +205,7 @@ fn diagnosed(
     given: usize,
     limits: Limits,
 ) -> anyhow::Result<Diagnosed> {
-    let layout = args.input.layout();
-    let (file, mut recordings) = super::read(model, paths, &layout)?;
+    let (file, mut recordings) = super::read(model, paths, &args.input)?;
     let planned = recordings.split_off(given);
     let (used, missed): (Vec<_>, Vec<_>) = planned
         .into_iter()
@@ -221,7 +220,11 @@ fn diagnosed(
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
     };
-    let holdout = read_all(&args.holdout, &layout.or(&file.recording), super::warn)?;
+    let holdout = read_all(
+        &args.holdout,
+        &args.input.layout_over(&file.recording)?,
+        super::warn,
+    )?;
     let request = Request {
         file: &file,
         recordings: &recordings,

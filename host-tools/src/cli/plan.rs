@@ -98,7 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&model, &args.recordings, &args.input.layout())?;
+    let (file, recordings) = super::read(&model, &args.recordings, &args.input)?;
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,

@@ -148,7 +148,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&model, &args.recordings, &args.input.layout())?;
+    let (file, recordings) = super::read(&model, &args.recordings, &args.input)?;
     let (analysis, warnings) = Analysis::of(&file, &recordings)?;
     for warning in &warnings {
         super::warn(warning);

@@ -98,7 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let drive = match (&args.recording, args.protocol.as_deref()) {
         (Some(path), _) => {
             let (recording, warnings) =
-                Recording::read_as(path, &args.input.layout().or(&file.recording))?;
+                Recording::read_as(path, &args.input.layout_over(&file.recording)?)?;
             for warning in recording.remarks(warnings) {
                 super::warn(&warning);
             }

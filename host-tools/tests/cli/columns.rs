@@ -399,3 +399,97 @@ fn every_command_that_fits_takes_the_flags() {
         }
     }
 }
+
+/// What a laboratory's logger writes, and the section that says what it is.
+const OF_THE_LAB: &str = "[recording]\ncolumns = { time = \"t\", pressure = \"p\", angle = \"w\", predicted_deg = \"m\" }\nunits = { time = \"ms\" }\n";
+
+/// Command lines that read `lab.csv`, one for each command that takes recordings, and for each of
+/// its ways to take them.
+const READ_THE_LAB: [&str; 14] = [
+    "compare --model m.toml lab.csv",
+    "convert lab.csv -o out.csv",
+    "diagnose --model m.toml --budget 1s lab.csv",
+    "diagnose --model m.toml --budget 1s good.csv --holdout lab.csv",
+    "diagnose --batch cases.csv --budget 1s -o out",
+    "export --model m.toml --to c --recording lab.csv",
+    "fit --model m.toml lab.csv",
+    "gap lab.csv",
+    "import lab.csv --yes",
+    "init --recording lab.csv --dry-run",
+    "next --model m.toml --port none lab.csv -o out",
+    "plan --model m.toml --between gravity,exponent_shift lab.csv",
+    "residuals --model m.toml lab.csv",
+    "simulate --model m.toml --recording lab.csv",
+];
+
+/// Whether a line is stopped by columns that it cannot find.
+fn finds_no_column(bench: &Bench, line: &str) -> bool {
+    let assert = bench.line(line).assert();
+    let output = assert.get_output();
+    let mut said = String::from_utf8_lossy(&output.stderr).into_owned();
+    // A batch says it of each case in its folder.
+    said += &std::fs::read_to_string(bench.path("out/lab/error.txt")).unwrap_or_default();
+    assert!(!said.contains("panicked"), "{line}: {said}");
+    said.contains("has no column")
+}
+
+#[test]
+fn every_command_that_reads_recordings_does_as_the_folder_or_the_model_says() {
+    let with = |folder: bool, model: bool| {
+        let bench = Bench::new();
+        let mut lab = "t;p;w;m\n".to_owned();
+        for row in clean_recording().lines().skip(1) {
+            let [time, pressure, angle] = row.split(',').collect::<Vec<_>>()[..] else {
+                panic!("{row}");
+            };
+            let ms = 1e3 * time.parse::<f64>().unwrap();
+            lab += &format!("{ms:.0};{pressure};{angle};{angle}\n");
+        }
+        bench.put("lab.csv", &lab);
+        bench.put("good.csv", &lab);
+        bench.put("cases.csv", "case,model,recordings\nlab,m.toml,lab.csv\n");
+        if folder {
+            bench.put("softrig.toml", format!("schema = 1\n{OF_THE_LAB}"));
+        }
+        if model {
+            bench.put("m.toml", format!("{}\n{OF_THE_LAB}", super::common::MODEL));
+        }
+        bench
+    };
+    let bench = with(false, false);
+    // The list has each command that has the flag, as far as this build has it.
+    let help = bench.prints("--help");
+    let commands = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| line.starts_with("  "))
+        .filter(|line| !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next());
+    let reads: Vec<&str> = commands
+        .filter(|name| *name != "help")
+        .filter(|name| {
+            bench
+                .prints(&format!("{name} --help"))
+                .contains("--columns")
+        })
+        .collect();
+    assert!(reads.len() >= 11, "{reads:?}");
+    let of = |line: &str| line.split(' ').next().unwrap().to_owned();
+    let listed: Vec<String> = READ_THE_LAB.iter().map(|line| of(line)).collect();
+    for name in &reads {
+        assert!(listed.contains(&(*name).to_owned()), "no line for {name}");
+    }
+    for line in READ_THE_LAB.iter().filter(|it| reads.contains(&&*of(it))) {
+        // An import guesses, and these two have no model.
+        let has_model = line.contains("m.toml") || line.contains("--batch");
+        if !line.starts_with("import") {
+            assert!(finds_no_column(&with(false, false), line), "{line}");
+        }
+        assert!(!finds_no_column(&with(true, false), line), "{line}");
+        assert!(
+            !has_model || !finds_no_column(&with(false, true), line),
+            "{line}"
+        );
+    }
+}

@@ -44,6 +44,24 @@ fn damaged_and_lost_lines_are_counted_and_leave_gaps() {
     assert!((missing - count("dropped_lines") as f64).abs() <= 2.0);
 }
 
+/// What a command says that ends by itself, soon after its board has fallen silent: with these
+/// parts, and what came is kept as incomplete.
+fn ends_in_silence(bench: &Bench, child: Child, name: &str, parts: &[&str]) -> String {
+    bench.board.script().silent = true;
+    let begun = std::time::Instant::now();
+    let output = child.wait_with_output().unwrap();
+    assert!(begun.elapsed().as_secs() < 20);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for part in parts {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let meta = bench.meta(&format!("{name}.meta.toml"));
+    assert_eq!(meta["complete"].as_bool(), Some(false));
+    assert!(bench.recording(&format!("{name}.csv")).len() > 100);
+    said
+}
+
 /// A board that hangs keeps its port open.
 #[test]
 fn a_board_that_falls_silent_ends_a_recording_with_what_there_is() {
@@ -53,18 +71,9 @@ fn a_board_that_falls_silent_ends_a_recording_with_what_there_is() {
             "record --port PORT -o run.csv --patience 1 {what}"
         ));
         wait_until("rows", || bench.rows("run.csv") > 200);
-        bench.board.script().silent = true;
-        let begun = std::time::Instant::now();
-        let output = child.wait_with_output().unwrap();
-        assert!(begun.elapsed().as_secs() < 20);
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains("no sample has come for 1 s"), "{said}");
-        assert!(said.contains("samples are kept in run.csv"), "{said}");
+        let parts = ["no sample has come for 1 s", "samples are kept in run.csv"];
+        let said = ends_in_silence(&bench, child, "run", &parts);
         assert_eq!(what.is_empty(), said.contains("recording until Ctrl-C"));
-        let meta = bench.meta("run.meta.toml");
-        assert_eq!(meta["complete"].as_bool(), Some(false));
-        assert!(bench.recording("run.csv").len() > 100);
     }
 }
 
@@ -77,18 +86,8 @@ fn a_monitor_says_that_a_board_has_fallen_silent_and_ends() {
     });
     let child = bench.start("monitor --port PORT --plain --seconds 6 --log seen.csv");
     wait_until("rows", || bench.rows("seen.csv") > 101);
-    bench.board.script().silent = true;
-    let begun = std::time::Instant::now();
-    let output = child.wait_with_output().unwrap();
-    assert!(begun.elapsed().as_secs() < 20);
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    for part in ["no sample for 1.", "not a byte came", "as incomplete"] {
-        assert!(said.contains(part), "{part}: {said}");
-    }
-    let meta = bench.meta("seen.meta.toml");
-    assert_eq!(meta["complete"].as_bool(), Some(false));
-    assert!(bench.recording("seen.csv").len() > 100);
+    let parts = ["no sample for 1.", "not a byte came", "as incomplete"];
+    ends_in_silence(&bench, child, "seen", &parts);
 }
 
 #[test]

@@ -11,6 +11,7 @@ use std::path::Path;
 use hdf5_pure::{AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, File, Group};
 
 use crate::guard::guarded;
+use crate::half;
 use softrig_formats::bounded::Limits;
 use softrig_formats::columns::{Columns, Layout, Quantity, Unit};
 use softrig_formats::error::InputError;
@@ -54,9 +55,11 @@ pub fn read(
     for quantity in Quantity::ALL {
         let wanted = layout.names.of(quantity);
         let said = found.units.iter().find(|(name, _)| name == wanted);
-        let unit = said.and_then(|(_, unit)| Unit::of(quantity, unit));
-        if let Some(unit) = unit {
-            columns_say.set(unit);
+        if let Some((_, written)) = said.filter(|_| layout.columns.unit(quantity).is_none()) {
+            // netCDF: seconds since a date.
+            let unit = written.split(" since ").next().unwrap_or(written);
+            let unit = Unit::of(quantity, unit).ok_or_else(|| no_unit(quantity, written));
+            columns_say.set(unit.map_err(|error| error.in_file(path).in_column(wanted))?);
         }
         if let Some((_, how)) = found.scaled.iter().find(|(name, _)| name == wanted) {
             warnings.push(format!(
@@ -73,6 +76,18 @@ pub fn read(
         ..Sheet::default()
     };
     sheet.samples(path, layout, limits, "data set")
+}
+
+/// A unit that a data set says, and that is none of what it holds.
+fn no_unit(quantity: Quantity, written: &str) -> InputError {
+    let key = quantity.key();
+    InputError::new(
+        format!(
+            "is in \"{written}\", which is no unit of {key} that is known: {}",
+            quantity.units()
+        ),
+        format!("say in which unit it is with --units {key}=UNIT, or convert the data set"),
+    )
 }
 
 struct Found {
@@ -120,7 +135,7 @@ impl Found {
                 self.records(&data, &called, size);
                 continue;
             }
-            let Ok(mut numbers) = data.read_f64() else {
+            let Some(mut numbers) = numbers_of(&data, size) else {
                 let is = match (class.as_deref(), data.dtype()) {
                     (Some("cell"), _) => "a cell array".to_owned(),
                     (_, Ok(kind)) => format!("of the type {kind}"),
@@ -132,22 +147,21 @@ impl Found {
             self.left -= size;
             let value = |name: &str| attributes.get(name).and_then(number);
             let (scale, offset) = (value("scale_factor"), value("add_offset"));
+            let missing = value("_FillValue").or_else(|| value("missing_value"));
+            for number in numbers.iter_mut().filter(|it| Some(**it) == missing) {
+                *number = f64::NAN;
+            }
             if scale.is_some() || offset.is_some() {
                 let (scale, offset) = (scale.unwrap_or(1.0), offset.unwrap_or(0.0));
-                let missing = value("_FillValue").or_else(|| value("missing_value"));
                 for number in &mut numbers {
-                    #[allow(clippy::float_cmp)] // It is the same whole number.
-                    let is_missing = missing.is_some_and(|missing| *number == missing);
-                    *number = if is_missing {
-                        f64::NAN
-                    } else {
-                        scale * *number + offset
-                    };
+                    *number = scale * *number + offset;
                 }
                 let how = format!("its scale_factor {scale} and add_offset {offset} are applied");
                 self.scaled.push((called.clone(), how));
             }
-            if let Some(units) = attributes.get("units").and_then(text) {
+            let units = ["units", "unit", "Units", "Unit"].iter();
+            let units = units.filter_map(|name| attributes.get(*name).and_then(text));
+            if let Some(units) = units.into_iter().find(|it| !it.is_empty()) {
                 self.units.push((called.clone(), units));
             }
             let as_column = |numbers| Values::Numbers(numbers, Decimals::Various);
@@ -223,6 +237,28 @@ impl Found {
         let is = format!("a table of records with the fields {}", names.join(", "));
         self.unread.push((called.to_owned(), is));
     }
+}
+
+/// The numbers of a data set; none of a type that is not of numbers.
+fn numbers_of(data: &Dataset, size: u64) -> Option<Vec<f64>> {
+    let numbers = match data.datatype() {
+        Ok(Datatype::FloatingPoint {
+            size: 2,
+            byte_order,
+            ..
+        }) => {
+            let raw = data.read_raw().ok()?;
+            let is_big = byte_order == DatatypeByteOrder::BigEndian;
+            let number = |it: &[u8]| match *it {
+                [high, low] if is_big => half(&[low, high]),
+                _ => half(it),
+            };
+            raw.chunks_exact(2).map(number).collect()
+        }
+        _ => data.read_f64().ok()?,
+    };
+    // Of a type that the library does not know it reads nothing.
+    (numbers.len() as u64 == size).then_some(numbers)
 }
 
 /// The number at the start of some bytes; none of a type that is not of numbers.

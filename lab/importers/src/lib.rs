@@ -99,6 +99,22 @@ impl Importers for All {
 }
 
 /// Reads bytes as a recording, for tests of the formats.
+/// A half float, its lowest byte first.
+pub(crate) fn half(bytes: &[u8]) -> f64 {
+    let [low, high] = *bytes else {
+        return f64::NAN;
+    };
+    let bits = u16::from_le_bytes([low, high]);
+    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
+    sign * match exponent {
+        0 => fraction * 2f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        exponent => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
+    }
+}
+
 #[cfg(test)]
 fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     install();

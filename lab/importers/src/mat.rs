@@ -3,7 +3,8 @@
 //! A file is a list of elements, each with a type and a length, most of them compressed.
 //! Arrays of numbers are read, alone or as fields of structures and in cells: `t`,
 //! `run.pressure`, `signals(2).values`, `c{1}`, and `data(:,2)` for a column of a matrix, or
-//! `data(2,:)` for a row where the samples lie in rows. Dimensions of one do not count. What else
+//! `data(2,:)` for a row where the samples lie in rows, `y(1,2,:)` for an array with a layer a
+//! sample, `log.t` for a structure a sample. Dimensions of one do not count. What else
 //! there is (texts, tables, objects) is named with its type. This reader exists because existing ones refuse integers that MATLAB stores in
 //! few bytes, do not read structures, or unpack without a limit.
 
@@ -282,7 +283,13 @@ impl File {
             return Ok(());
         }
         let mut rest = names.rest;
-        for number in 1..=count.min(WIDEST) {
+        let begin = self.columns.len();
+        // Of one structure a sample each field is a number.
+        let is_number = |(_, values): &(String, Values)| values.len() == 1;
+        for number in 1..=count {
+            if number > WIDEST && !self.columns[begin..].iter().all(is_number) {
+                break;
+            }
             for name in &all {
                 let field = self.element(rest)?;
                 if field.kind == MATRIX {
@@ -294,6 +301,18 @@ impl File {
                 }
                 rest = field.rest;
             }
+        }
+        let found = &self.columns[begin..];
+        if count > 1 && found.len() == count * all.len() && found.iter().all(is_number) {
+            let mut fields: Vec<Vec<f64>> = vec![Vec::with_capacity(count); all.len()];
+            for (place, (_, number)) in self.columns.drain(begin..).enumerate() {
+                if let Values::Numbers(number, _) = number {
+                    fields[place % all.len()].extend(number);
+                }
+            }
+            let fields = all.iter().zip(fields);
+            let fields = fields.map(|(name, numbers)| (format!("{of}.{name}"), values(numbers)));
+            self.columns.extend(fields);
         }
         Ok(())
     }
@@ -340,6 +359,28 @@ impl File {
         let dimensions: Vec<usize> = sizes.iter().copied().filter(|&size| size != 1).collect();
         match *dimensions {
             [] | [_] => self.columns.push((name.to_owned(), column(numbers))),
+            // As Simulink logs a vector: the samples lie along the longer dimension, mostly the last.
+            [rows, layers] if sizes.len() > 2 && (1..=WIDEST).contains(&rows.min(layers)) => {
+                let is_last = layers >= rows;
+                let (count, other) = (rows.min(layers), rows.max(layers));
+                let far = sizes.iter().position(|&size| size == rows).unwrap_or(0);
+                let along = if is_last { sizes.len() - 1 } else { far };
+                for number in 0..count {
+                    let subscript = |(at, &size): (usize, &usize)| match size {
+                        _ if at == along => ":".to_owned(),
+                        1 => "1".to_owned(),
+                        _ => (number + 1).to_string(),
+                    };
+                    let subscripts: Vec<String> = sizes.iter().enumerate().map(subscript).collect();
+                    let part: Vec<f64> = if is_last {
+                        numbers.iter().skip(number).step_by(rows).copied().collect()
+                    } else {
+                        numbers[number * other..(number + 1) * other].to_vec()
+                    };
+                    let name = format!("{name}({})", subscripts.join(","));
+                    self.columns.push((name, column(part)));
+                }
+            }
             // One column after the other.
             [rows, columns] if rows > 0 && columns <= WIDEST => {
                 for (number, part) in (1..).zip(numbers.chunks_exact(rows)) {
@@ -524,6 +565,26 @@ mod tests {
             ];
             element(MATRIX, &parts.concat())
         };
+        let samples = [0, 1, 2].map(|k| {
+            let field = |number| doubles("", [1, 1], &[f64::from(k) + number]);
+            [field(0.0), field(5.0)].concat()
+        });
+        let log = [
+            element(5, &2_i32.to_le_bytes()),
+            element(1, b"t\0p\0"),
+            samples.concat(),
+        ];
+        let layers = |name: &str, sizes: [i32; 3], values: &[f64]| {
+            let flags = [6_u32.to_le_bytes(), [0; 4]].concat();
+            let values: Vec<u8> = values.iter().flat_map(|it| it.to_le_bytes()).collect();
+            let parts = [
+                element(6, &flags),
+                element(5, &sizes.map(i32::to_le_bytes).concat()),
+                element(1, name.as_bytes()),
+                element(9, &values),
+            ];
+            element(MATRIX, &parts.concat())
+        };
         let wide: Vec<f64> = (0..130).flat_map(|k| [f64::from(k), 1.0, 2.0]).collect();
         let bytes = file(&[
             cell(&[
@@ -534,11 +595,21 @@ mod tests {
             element(MATRIX, &object.concat()),
             complex(1e-17),
             doubles("data", [3, 130], &wide),
+            array(u32::from(STRUCTURE), "log", [1, 3], &log.concat()),
+            layers("y", [1, 2, 3], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
+            layers("z3", [1, 3, 2], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]),
         ]);
         let columns = "time=c{1},pressure=signals(1).values,angle=signals(2).values";
         let samples = read_as(&bytes, columns).unwrap();
         assert_eq!(samples.angle_deg, [4.0, 5.0, 6.0]);
         assert!(samples.warnings[0].contains("z is complex"));
+        let columns = "time=log.t,pressure=log.p,angle=y(1,2,:)";
+        let samples = read_as(&bytes, columns).unwrap();
+        assert_eq!(samples.time_s, [0.0, 1.0, 2.0]);
+        assert_eq!(samples.pressure_kpa, [5.0, 6.0, 7.0]);
+        assert_eq!(samples.angle_deg, [2.0, 4.0, 6.0]);
+        let samples = read_as(&bytes, "time=log.t,pressure=z3(1,:,1),angle=z3(1,:,2)").unwrap();
+        assert_eq!(samples.angle_deg, [4.0, 5.0, 6.0]);
         let rows = read_as(&bytes, "time=data(1,:),pressure=data(2,:),angle=data(3,:)").unwrap();
         assert_eq!(rows.len(), 130);
         let said = read_as(&bytes, "time=tt.Time").unwrap_err().to_string();

@@ -22,6 +22,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnDescriptor, Type};
 
 use crate::guard::guarded;
+use crate::half;
 use softrig_formats::bounded::Limits;
 use softrig_formats::columns::{Layout, Quantity, TimeUnit};
 use softrig_formats::error::InputError;
@@ -191,6 +192,7 @@ fn unit_of_stamps(column: &ColumnDescriptor) -> Option<TimeUnit> {
         (Some(LogicalType::Timestamp(stamp) | LogicalType::Time(stamp)), _) => Some(of(stamp.unit)),
         (_, ConvertedType::TIMESTAMP_MILLIS | ConvertedType::TIME_MILLIS) => Some(TimeUnit::Ms),
         (_, ConvertedType::TIMESTAMP_MICROS | ConvertedType::TIME_MICROS) => Some(TimeUnit::Us),
+        (Some(LogicalType::Date), _) | (_, ConvertedType::DATE) => Some(TimeUnit::Day),
         _ => None,
     }
 }
@@ -293,22 +295,6 @@ fn of_two_complement(bytes: &[u8]) -> f64 {
         .iter()
         .fold(first, |all, byte| all.wrapping_shl(8) | i128::from(*byte));
     all as f64
-}
-
-/// A half float, its lowest byte first.
-fn half(bytes: &[u8]) -> f64 {
-    let [low, high] = *bytes else {
-        return f64::NAN;
-    };
-    let bits = u16::from_le_bytes([low, high]);
-    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
-    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
-    sign * match exponent {
-        0 => fraction * 2f64.powi(-24),
-        31 if fraction == 0.0 => f64::INFINITY,
-        31 => f64::NAN,
-        exponent => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
-    }
 }
 
 /// The time (s since 1970) of Spark and Impala: nanoseconds of a Julian day.

@@ -11,6 +11,7 @@ use pyo3::types::{PyDict, PyList};
 use softrig_cli::batch::manifest::{self, Case, Cases, List};
 use softrig_cli::batch::results::{Cells, columns};
 use softrig_cli::batch::{Batch as Plan, Settings, Summary, rows, table};
+use softrig_cli::cli::input::layout_of_folder;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError as Fault;
 use softrig_formats::own_effects::OwnEffects;
@@ -143,6 +144,7 @@ pub fn batch(
     let own = effects.map(|path| OwnEffects::read_for_any(&path));
     let settings = Settings {
         layout: Layout::default(),
+        folder: layout_of_folder().or_raise(py)?,
         seed,
         own: own.transpose().or_raise(py)?,
         budget: budget_s.map(budget).transpose().or_raise(py)?,

@@ -7,7 +7,8 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
 use serde_json::Value;
-use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names};
+use softrig_cli::cli::input::layout_of_folder;
+use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names, Scale};
 use softrig_formats::error::InputError as Fault;
 use softrig_formats::recording::{
     self, Column, Meta, PASCAL_PER_KPA, check_distinct, recordings_among,
@@ -258,9 +259,10 @@ pub fn angle_deg(recording: &recording::Recording) -> Vec<f64> {
 ///
 /// One path gives a recording, several give a list of them. `columns` and `units` say where
 /// the recording stands in a file with other columns: `{"time": "t", "pressure": "p_psi"}` and
-/// `{"time": "ms", "pressure": "psi"}`. `setup` says how the rig stood, as far as the metadata
-/// do not: `{"tilt_deg": 90}`. What they leave open, `model` says, as its file may in the
-/// section `[recording]`.
+/// `{"time": "ms", "pressure": "psi"}`, and `scale` how numbers of the file become those of a
+/// unit. `setup` says how the rig stood, as far as the metadata do not: `{"tilt_deg": 90}`. What
+/// they leave open, `model` says, as its file may in the section `[recording]`, and then the same
+/// section of `softrig.toml` in the folder where Python runs, as for the command.
 #[pyfunction]
 #[pyo3(signature = (path, *, columns = None, setup = None, model = None, **meaning))]
 pub fn read<'py>(
@@ -275,6 +277,7 @@ pub fn read<'py>(
     if let Some(model) = model {
         layout = layout.or(&model.get().file.recording);
     }
+    layout = layout.or(&layout_of_folder().or_raise(py)?);
     let one = |path: PathBuf| -> PyResult<Recording> {
         let read = py.detach(|| Recording::read(&path, &layout));
         py.check_signals()?;
@@ -406,10 +409,23 @@ fn columns_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Col
                 for (quantity, unit) in value.cast::<PyDict>()? {
                     let (quantity, unit): (String, String) = (quantity.extract()?, unit.extract()?);
                     let advice = "name units as units={\"time\": \"ms\", \"pressure\": \"psi\"}";
-                    let unit = columns::unit_of(&quantity, &unit)
+                    columns
+                        .say_unit(&quantity, &unit)
                         .map_err(|problem| Fault::new(format!("units: {problem}"), advice))
                         .or_raise(py)?;
-                    columns.set(unit);
+                }
+            }
+            "scale" => {
+                for (quantity, points) in value.cast::<PyDict>()? {
+                    let quantity: String = quantity.extract()?;
+                    let advice = "give two numbers of the file and what they are: scale={\"pressure\": [[101, 0], [512, 100]]}";
+                    let points: Option<[[f64; 2]; 2]> = points.extract().ok();
+                    points
+                        .and_then(Scale::through)
+                        .ok_or_else(|| "these are no two points".to_owned())
+                        .and_then(|scale| columns.say_scale(&quantity, scale))
+                        .map_err(|problem| Fault::new(format!("scale: {problem}"), advice))
+                        .or_raise(py)?;
                 }
             }
             "absolute_pressure" => columns.air_kpa = air(py, &value)?,
@@ -418,7 +434,7 @@ fn columns_of(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<Col
             "exchange_columns" => columns.exchange = value.extract()?,
             _ => {
                 return Err(PyTypeError::new_err(format!(
-                    "unexpected keyword argument {key:?}; what columns hold is said with units, absolute_pressure, angle_zero_deg, flip_angle and exchange_columns"
+                    "unexpected keyword argument {key:?}; what columns hold is said with units, scale, absolute_pressure, angle_zero_deg, flip_angle and exchange_columns"
                 )));
             }
         }

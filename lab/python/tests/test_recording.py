@@ -179,6 +179,36 @@ def test_a_model_says_where_its_recordings_stand(tmp_path: Path, model: softrig.
     np.testing.assert_allclose(recording.angle_deg, ANGLE, atol=1e-6)
 
 
+def test_scales_and_the_file_of_the_folder_are_as_for_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "lab.csv"
+    rows = zip(50 * TIME, 101 + 4 * PRESSURE, 100 * ANGLE, strict=True)
+    path.write_text("n,counts,w\n" + "".join(f"{n:.9f},{p:.9f},{a:.9f}\n" for n, p, a in rows))
+    columns: Any = {"time": "n", "pressure": "counts", "angle": "w"}
+    said = softrig.read(
+        path,
+        columns=columns,
+        units={"time": "s*50", "angle": "deg*100"},
+        scale={"pressure": [[101, 0], [501, 100]]},
+    )
+    for wrong in [{"pressure": [[1, 0], [1, 5]]}, {"mass": [[0, 0], [1, 1]]}]:
+        with pytest.raises(softrig.InputError, match="scale: "):
+            softrig.read(path, columns=columns, scale=wrong)
+    (tmp_path / "softrig.toml").write_text(
+        "schema = 1\n[recording]\n"
+        'columns = { time = "n", pressure = "counts", angle = "w" }\n'
+        'units = { time = "s", angle = "deg" }\n'
+        "scale = { time = [[0, 0], [50, 1]], pressure = [[101, 0], [501, 100]],"
+        " angle = [[0, 0], [100, 1]] }\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    for recording in [said, softrig.read(path)]:
+        np.testing.assert_allclose(recording.time_s, TIME, atol=1e-9)
+        np.testing.assert_allclose(recording.pressure_kpa, PRESSURE, atol=1e-6)
+        np.testing.assert_allclose(recording.angle_deg, ANGLE, atol=1e-6)
+
+
 def test_a_recording_says_how_its_rig_stood(tmp_path: Path, model: softrig.Model) -> None:
     path = lab(tmp_path / "lab.csv")
 

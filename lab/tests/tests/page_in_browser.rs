@@ -16,7 +16,7 @@ use model_core::catalogue::Kind;
 use serde_json::Value;
 use softrig::synth::example::{Example, Hidden, NOISE_DEG, make};
 use softrig_cli::cli::diagnose;
-use softrig_formats::model_file::ModelFile;
+use softrig_formats::model_file::{ModelFile, recording_layout};
 use softrig_formats::recording::Recording;
 use softrig_lab_tests::browser::{Browser, Page, browser};
 use softrig_tests::shared;
@@ -434,6 +434,62 @@ fn everything_has_a_name_and_a_place(person: &Person) {
     let place = |id: &str| reached.iter().position(|it| it == id);
     assert!(place("example").is_some(), "{reached:?}");
     assert!(place("example") < place("files"), "{reached:?}");
+}
+
+/// A log without names and without a time, in hundredths: the page shows what is in it, and the
+/// person says with the mouse what it is.
+#[test]
+fn a_table_without_names_is_said_with_the_mouse() {
+    let (Some(page), Some(browser)) = (page(), browser()) else {
+        return;
+    };
+    let folder = folder("mouse");
+    let rows: String = (0..200)
+        .map(|k| f64::from(k) / 20.0)
+        .map(|t| format!("{:.0}\t{:.4}\t7\n", 1e4 * t.sin().abs(), (t - 0.2).sin()))
+        .collect();
+    let log = folder.join("log.txt");
+    fs::write(&log, rows).expect("a file");
+    for width in WIDTHS {
+        let person = Person::opens(&browser, &page, width);
+        person.chooses(std::slice::from_ref(&log));
+        assert_eq!(person.counts("#look tbody tr"), 3);
+        assert_eq!(person.counts("#look polyline"), 3);
+        person.0.shoot(&folder.join(format!("look_{width}.png")));
+        let says = |column: u32, meaning: &str| {
+            person.0.value(&format!(
+                "(() => {{ const field = document.querySelectorAll('#look select')[{column}]; \
+                 field.value = '{meaning}'; \
+                 field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
+            ));
+            person.waits();
+        };
+        says(0, "pressure=kpa");
+        says(1, "angle=rad");
+        person.enters("unit-time", "s*20");
+        person.enters("unit-pressure", "kpa*100");
+        let is = |column: u32| {
+            let script = format!("document.querySelectorAll('#look select')[{column}].value");
+            person.0.text(&script)
+        };
+        assert_eq!([is(0), is(1), is(2)], ["pressure=kpa*100", "angle=rad", ""]);
+        person.fits("the columns of a file");
+        assert_eq!(person.reads("trouble"), "");
+        let saved = person.saves("save-layout", "softrig.toml", &folder);
+        let layout = recording_layout(&saved, Path::new("softrig.toml")).expect("a section");
+        let (recording, _) = Recording::read_as(&log, &layout).expect("a recording");
+        assert!((recording.duration() - 9.95).abs() < 1e-9);
+        let highest = recording.pressure.iter().copied().fold(0.0, f64::max);
+        assert!((highest - 1e5).abs() < 2e2, "{highest}");
+        let shown = "document.querySelector('#runs figcaption').textContent";
+        assert!(person.0.text(shown).contains("one every 50.0 ms"));
+        // The next width saves its own.
+        fs::remove_file(folder.join("softrig.toml")).expect("a file");
+        person.presses("clear");
+        person.waits();
+        person.has_no_complaints();
+        person.0.close();
+    }
 }
 
 #[test]

@@ -83,6 +83,9 @@ let result = null;
 let remarks = null;
 // Whether the columns are as somebody said, and not as they were found.
 let said = false;
+// The columns of one table, as they are in the file.
+let looked = null;
+let quantities = [];
 
 const store = new Promise((resolve) => {
   let request;
@@ -100,7 +103,7 @@ const store = new Promise((resolve) => {
 async function keep() {
   const data = await store;
   if (!data) return;
-  const entered = Object.fromEntries([...fields.map($), ...document.querySelectorAll("#triples input, #triples select")]
+  const entered = Object.fromEntries([...fields.map($), ...document.querySelectorAll("#triples input")]
     .map((field) => [field.id, field.type === "checkbox" ? field.checked : field.value]));
   await new Promise((resolve) => {
     const transaction = data.transaction("desk", "readwrite");
@@ -188,6 +191,7 @@ const layout = () => ({
 
 async function put(name, bytes) {
   files.set(name, bytes);
+  if (looked?.name === name) looked = null;
   if (name.endsWith(".toml")) remarks = null;
   await ask({ ask: "put", name }, bytes);
 }
@@ -228,24 +232,79 @@ async function drop(name) {
 
 async function read() {
   let found = await ask({ ask: "read", layout: layout() });
-  const suggestion = found.recordings.find((it) => it.fault?.suggestion)?.fault.suggestion;
+  const shown = found.recordings.find((it) => it.fault) ?? found.recordings[0];
+  if (looked?.name !== shown?.name) looked = shown ? await ask({ ask: "look", name: shown.name }) : null;
   const asIs = keys.every((key) => $("column-" + key).value === "");
-  if (suggestion && !said && asIs) {
+  const guess = shown?.fault?.suggestion ?? (shown?.fault && looked?.guess);
+  if (guess && !said && asIs && guess.columns.some((it, place) => it !== quantities[place].column)) {
     // Shown to be checked: a name is no proof of what is in a column.
     keys.forEach((key, place) => {
-      $("column-" + key).value = suggestion.columns[place];
-      $("unit-" + key).value = suggestion.units[place];
+      $("column-" + key).value = guess.columns[place];
+      $("unit-" + key).value = guess.units[place];
     });
     found = await ask({ ask: "read", layout: layout() });
   }
   show(found);
+  look();
   await keep();
+}
+
+// A column of the file: its first rows, its course, and what it is.
+function look() {
+  $("look").hidden = !looked;
+  if (!looked) return;
+  const row = ({ called, name, first, course }, at) => {
+    const points = course.map((height, place) => height === null ? null : `${(100 * place / Math.max(1, course.length - 1)).toFixed(1)},${(19 - 18 * height).toFixed(1)}`);
+    const picture = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    picture.setAttribute("viewBox", "0 0 100 20");
+    picture.setAttribute("preserveAspectRatio", "none");
+    picture.setAttribute("aria-hidden", "true");
+    const line = document.createElementNS("http://www.w3.org/2000/svg", "polyline");
+    line.setAttribute("points", points.filter((it) => it !== null).join(" "));
+    picture.append(line);
+    return made("tr", {}, made("th", { scope: "row", textContent: name }), made("td", { className: "first", textContent: first.join("   ") }),
+      made("td", {}, picture), made("td", {}, meaning(called, at)));
+  };
+  const head = ["column", "first rows", "course", "what it is"].map((textContent) => made("th", { scope: "col", textContent }));
+  $("look").replaceChildren(made("table", {}, made("caption", { textContent: looked.name }),
+    made("thead", {}, made("tr", {}, ...head)), made("tbody", {}, ...looked.columns.map(row))));
+}
+
+// What a column is, and in which unit: writes into the fields below.
+function meaning(called, at) {
+  const names = [called, `#${at + 1}`];
+  const isIn = ({ key, column }) => names.includes($("column-" + key).value || column);
+  const choice = made("select", {}, made("option", { value: "", textContent: "not used" }));
+  choice.setAttribute("aria-label", `What ${called} is`);
+  for (const quantity of quantities) {
+    const unit = isIn(quantity) ? $("unit-" + quantity.key).value : "";
+    const units = ["", ...quantity.units, ...(quantity.units.includes(unit) || unit === "" ? [] : [unit])];
+    choice.append(...units.map((it) => made("option", {
+      value: `${quantity.key}=${it}`, textContent: it ? `${quantity.key}, ${it}` : quantity.key, selected: isIn(quantity) && it === unit,
+    })));
+  }
+  choice.addEventListener("change", () => {
+    const [key, unit] = choice.value.split("=");
+    for (const quantity of quantities) {
+      // A place that is given up is open again.
+      if (quantity.key === key || !isIn(quantity)) continue;
+      $("column-" + quantity.key).value = { time: "#0", pressure: "none", angle: "" }[quantity.key];
+      $("unit-" + quantity.key).value = "";
+    }
+    if (key) {
+      $("column-" + key).value = called;
+      $("unit-" + key).value = unit;
+    }
+    said = true;
+  });
+  return choice;
 }
 
 function show(found) {
   const good = found.recordings.filter((it) => !it.fault);
   $("others").replaceChildren(...[
     ...(found.effects ? [[found.effects.name, `effects of your own: ${found.effects.kinds.join(", ") || "none"}`]] : []),
+    ...(found.folder ? [[found.folder, "says what the columns are where nothing else does"]] : []),
     ...found.meta_alone.map((name) => [name, "metadata, and the recording that they belong to is not here"]),
   ].map(([name, what]) => made("li", {}, made("b", { textContent: name }), ` ${what} `, away(name))));
   // What is broken is seen first, and many recordings do not hide what is below them.
@@ -262,6 +321,7 @@ function show(found) {
   $("detected").textContent = said ? "As you said. The pictures above show what comes of it."
     : named ? "Found by the names in the header. Check the pictures above: a name is no proof. Correct here what is wrong."
       : "The header says what is where. If a column holds something else, say so.";
+  save($("save-layout"), "schema = 1\n" + found.section, "application/toml");
   model(found.model, good.length);
   verdict();
 }
@@ -422,7 +482,7 @@ async function example() {
 async function clear() {
   files.clear();
   heldOut.clear();
-  result = remarks = null;
+  result = remarks = looked = null;
   said = false;
   for (const field of document.querySelectorAll("main input, main select")) {
     if (field.type === "checkbox") field.checked = false; else field.value = field.id === "seed" ? "1" : "";
@@ -437,12 +497,14 @@ async function begin() {
   const choices = await ask({ ask: "choices" });
   $("version").textContent = choices.version;
   $("material").append(...choices.materials.map((name) => made("option", { value: name, textContent: name })));
-  $("triples").replaceChildren(...choices.quantities.map(({ key, column, units }) => {
+  quantities = choices.quantities;
+  $("triples").replaceChildren(...quantities.map(({ key, column, units }) => {
     const name = made("input", { id: "column-" + key, placeholder: column, autocomplete: "off", spellcheck: false });
     name.setAttribute("list", "names");
-    const unit = made("select", { id: "unit-" + key }, made("option", { value: "", textContent: "as named" }),
-      ...units.map((value) => made("option", { value, textContent: value })));
-    return made("fieldset", {}, made("legend", { textContent: key }), made("label", {}, "column", name), made("label", {}, "unit", unit));
+    const unit = made("input", { id: "unit-" + key, placeholder: "as named", autocomplete: "off", spellcheck: false });
+    unit.setAttribute("list", "units-" + key);
+    const known = made("datalist", { id: "units-" + key }, ...units.map((value) => made("option", { value })));
+    return made("fieldset", {}, made("legend", { textContent: key }), made("label", {}, "column", name), made("label", {}, "unit", unit), known);
   }));
   $("triples").addEventListener("change", () => { said = true; });
   $("columns").addEventListener("change", () => attempt("Reading …", async () => { changed(); await read(); }));

@@ -13,10 +13,11 @@ use softrig::estimate::placement::with_tip_load;
 use softrig::first_model::{Evidence, Geometry, from_nothing, from_recordings};
 use softrig::synth::example::{Hidden, NOISE_DEG, make};
 use softrig_formats::bounded::not_text;
-use softrig_formats::columns::{self, Columns, Layout, Names, Quantity, unit_of};
+use softrig_formats::columns::{self, Columns, Layout, Names, Quantity};
 use softrig_formats::error::{InputError, UNKNOWN_COLUMN};
+use softrig_formats::formats::overview::Overview;
 use softrig_formats::material_name::named;
-use softrig_formats::model_file::ModelFile;
+use softrig_formats::model_file::{ModelFile, recording_layout};
 use softrig_formats::numbers::short;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{META_ENDING, Recording, meta_beside, recordings_among, to_csv};
@@ -28,6 +29,15 @@ use softrig_report::pictures::recording_figure;
 use softrig_report::plot::to_inline_svg;
 use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, METADATA, MODEL, Provenance, Source};
 use softrig_report::terminal::summary;
+
+/// The file of a folder, whose section `[recording]` says where its recordings stand.
+const FOLDER_FILE: &str = "softrig.toml";
+
+/// Pieces of the picture of a column.
+const PIECES: usize = 64;
+
+/// Rows of a table that are shown.
+const FIRST_ROWS: usize = 3;
 
 /// The file of a model that was made here.
 const MODEL_FILE: &str = "model.toml";
@@ -54,6 +64,11 @@ pub enum Request {
     Read {
         /// Which columns the recordings have.
         layout: Said,
+    },
+    /// Shows the columns of a table as they are, and guesses what they are.
+    Look {
+        /// The name of the file.
+        name: String,
     },
     /// Makes a first model: of the recordings, of material and dimensions, or of both.
     FirstModel {
@@ -116,7 +131,7 @@ impl Said {
                 names.set(quantity.key(), column.trim()).map_err(refused)?;
             }
             if !unit.is_empty() {
-                columns.set(unit_of(quantity.key(), unit).map_err(refused)?);
+                columns.say_unit(quantity.key(), unit).map_err(refused)?;
             }
         }
         if let Some(air) = self.air_kpa {
@@ -190,21 +205,24 @@ impl Fault {
             "column": error.column,
             "found": error.found,
             "advice": error.advice,
-            "suggestion": error.suggestion.as_ref().and_then(|it| {
-                let names = Names::parse(&it.columns).ok()?;
-                let units = Columns::of_units(&it.units).unwrap_or_default();
-                let columns = Quantity::ALL.map(|of| names.said(of).unwrap_or_default().to_owned());
-                // What nothing in the header looks like, nobody but the user knows.
-                let is_whole = columns.iter().all(|column| column != UNKNOWN_COLUMN);
-                is_whole.then(|| json!({ "columns": columns, "units": units_of(&units) }))
-            }),
+            "suggestion": error.suggestion.as_ref().and_then(|it| fields(&it.columns, &it.units)),
         })
     }
 }
 
-/// The names of units; empty where none is said.
-fn units_of(columns: &Columns) -> [&'static str; 3] {
-    Quantity::ALL.map(|of| columns.unit(of).map_or("", |unit| unit.name()))
+/// What the page's fields would have for these flags.
+fn fields(columns: &str, units: &str) -> Option<Value> {
+    let names = Names::parse(columns).ok()?;
+    let units = Columns::of_units(units).unwrap_or_default();
+    let columns = Quantity::ALL.map(|of| names.said(of).unwrap_or_default().to_owned());
+    // What nothing in the header looks like, nobody but the user knows.
+    let is_whole = columns.iter().all(|column| column != UNKNOWN_COLUMN);
+    is_whole.then(|| json!({ "columns": columns, "units": units_of(&units) }))
+}
+
+/// Units as the page's fields have them; empty where none is said.
+fn units_of(columns: &Columns) -> [String; 3] {
+    Quantity::ALL.map(|of| columns.written(of))
 }
 
 /// What a file on the desk is: told by its name, and of two texts in TOML by what is in them.
@@ -216,6 +234,7 @@ fn is_of_effects(text: &str, path: &Path) -> bool {
 #[derive(Clone, Debug, Default)]
 pub struct Desk {
     model: Option<Held>,
+    folder: Option<Held>,
     effects: Option<Held>,
     recordings: Vec<Held>,
     meta: Vec<Held>,
@@ -256,7 +275,8 @@ impl Desk {
                 *self = Self::default();
                 Value::Null
             }
-            Request::Read { layout } => self.read(&layout.layout()?),
+            Request::Read { layout } => self.read(&layout.layout()?)?,
+            Request::Look { name } => self.look(Path::new(&name)),
             Request::FirstModel {
                 layout,
                 recordings,
@@ -278,6 +298,8 @@ impl Desk {
         self.remove(&held.path);
         if name.ends_with(META_ENDING) {
             self.meta.push(held);
+        } else if name == FOLDER_FILE {
+            self.folder = Some(held);
         } else if Path::new(&name).extension().is_some_and(|it| it == "toml") {
             match held.text().map(|text| is_of_effects(text, &held.path)) {
                 Ok(true) => self.effects = Some(held),
@@ -293,6 +315,7 @@ impl Desk {
         self.recordings.retain(is_other);
         self.meta.retain(is_other);
         self.model = self.model.take().filter(is_other);
+        self.folder = self.folder.take().filter(is_other);
         self.effects = self.effects.take().filter(is_other);
     }
 
@@ -318,8 +341,41 @@ impl Desk {
         self.model.as_ref().map(parse).transpose()
     }
 
+    /// Where the recordings stand in their files: as was said, then as the model has it, then as
+    /// the folder's file has it.
+    fn layout(&self, said: &Layout, model: Option<&ModelFile>) -> Result<Layout, InputError> {
+        let layout = model.map_or_else(|| said.clone(), |file| said.or(&file.recording));
+        Ok(match &self.folder {
+            Some(held) => layout.or(&recording_layout(held.text()?, &held.path)?),
+            None => layout,
+        })
+    }
+
+    /// The columns of a table, with pictures, and a guess; nothing of a file that is none.
+    fn look(&self, path: &Path) -> Value {
+        let held = self.recordings.iter().find(|held| held.path == path);
+        let Some(Ok(all)) = held.map(|held| Overview::of_file(&held.bytes, path)) else {
+            return Value::Null;
+        };
+        let column = |at: usize| {
+            let first = all.rows.iter().take(FIRST_ROWS);
+            json!({
+                "called": all.called(at),
+                "name": all.names[at],
+                "first": first.map(|row| row[at].as_str()).collect::<Vec<_>>(),
+                "course": all.course(at, PIECES),
+            })
+        };
+        let guess = all.guess();
+        json!({
+            "name": path.display().to_string(),
+            "columns": (0..all.names.len()).map(column).collect::<Vec<_>>(),
+            "guess": fields(&guess.columns, &guess.units),
+        })
+    }
+
     /// Everything that is there, with its faults: one broken file does not hide the others.
-    fn read(&self, layout: &Layout) -> Value {
+    fn read(&self, layout: &Layout) -> Result<Value, InputError> {
         let model = self.model.as_ref().map(|held| {
             let mut about = Map::from_iter([("name".to_owned(), json!(held.name()))]);
             match self.file() {
@@ -346,7 +402,7 @@ impl Desk {
             })
         });
         let of_model = self.file().ok().flatten();
-        let layout = of_model.map_or_else(|| layout.clone(), |file| layout.or(&file.recording));
+        let layout = self.layout(layout, of_model.as_ref())?;
         let recordings: Vec<Value> = self
             .recordings
             .iter()
@@ -362,13 +418,15 @@ impl Desk {
             paths.any(|it| meta_beside(&it.path) == meta.path)
         };
         let alone = self.meta.iter().filter(|meta| !has_recording(meta));
-        json!({
+        Ok(json!({
             "model": model,
+            "folder": self.folder.as_ref().map(Held::name),
+            "section": layout.to_toml(),
             "effects": effects,
             "recordings": recordings,
             "meta": self.meta.iter().map(Held::name).collect::<Vec<_>>(),
             "meta_alone": alone.map(Held::name).collect::<Vec<_>>(),
-        })
+        }))
     }
 
     fn first_model(
@@ -383,6 +441,7 @@ impl Desk {
             dimensions: dimensions_mm.map(|all| all.map(|mm| mm / 1e3)),
             assumed: false,
         });
+        let layout = &self.layout(layout, None)?;
         let held: &[Held] = if recordings { &self.recordings } else { &[] };
         let paths: Vec<&Path> = held.iter().map(|held| held.path.as_path()).collect();
         let mut warnings = Vec::new();
@@ -419,7 +478,7 @@ impl Desk {
         let file = self.file()?.ok_or_else(|| {
             InputError::new("there is no model", "make a first one, or add a model file")
         })?;
-        let layout = layout.or(&file.recording);
+        let layout = self.layout(layout, Some(&file))?;
         let (mut fitted, mut held_out) = (Vec::new(), Vec::new());
         for held in &self.recordings {
             let (mut recording, _) = self.recording(held, &layout)?;
@@ -669,6 +728,10 @@ mod tests {
             run["suggestion"],
             json!({ "columns": ["t_ms", "p_psi", "theta"], "units": ["ms", "psi", ""] })
         );
+        let look = asked(&mut desk, &json!({ "ask": "look", "name": "run.csv" })).unwrap();
+        assert_eq!(look["guess"], run["suggestion"]);
+        assert_eq!(look["columns"][1]["first"], json!(["1", "2", "3"]));
+        assert_eq!(look["columns"][1]["course"], json!([0.0, 0.5, 1.0]));
         assert_eq!(broken["line"], 3);
         assert_eq!(broken["column"], "pressure_kpa");
         let layout =
@@ -682,6 +745,29 @@ mod tests {
             fault["text"].as_str().unwrap().contains("110 kPa"),
             "{fault}"
         );
+    }
+
+    #[test]
+    fn a_table_without_names_is_read_as_it_is_said_and_by_the_file_of_its_folder() {
+        let mut desk = Desk::default();
+        let row = |k: u32| format!("{}\t{}\n", 100 * k, k % 7);
+        put(&mut desk, "log.txt", &(0..50).map(row).collect::<String>());
+        let look = asked(&mut desk, &json!({ "ask": "look", "name": "log.txt" })).unwrap();
+        assert_eq!(look["guess"]["columns"], json!(["#1", "none", "#2"]));
+        let layout = json!({ "columns": ["#0", "#1", "#2"], "units": ["s*50", "kpa*100", ""] });
+        let read = asked(&mut desk, &json!({ "ask": "read", "layout": layout })).unwrap();
+        let run = &read["recordings"][0];
+        assert_eq!(run["interval_ms"], "20.0", "{run}");
+        assert_eq!(run["units"], json!(["s*50", "kpa*100", ""]));
+        // What was said is saved, and a desk with that file needs no more.
+        let section = format!("schema = 1\n{}", read["section"].as_str().unwrap());
+        put(&mut desk, FOLDER_FILE, &section);
+        let again = asked(&mut desk, &json!({ "ask": "read", "layout": {} })).unwrap();
+        assert_eq!(again["folder"], FOLDER_FILE);
+        assert_eq!(&again["recordings"][0], run);
+        put(&mut desk, "picture.parquet", "PAR1");
+        let look = json!({ "ask": "look", "name": "picture.parquet" });
+        assert_eq!(asked(&mut desk, &look).unwrap(), Value::Null);
     }
 
     #[test]

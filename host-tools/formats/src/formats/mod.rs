@@ -6,6 +6,7 @@
 //! format.
 
 mod arrays;
+mod bad_lines;
 pub mod binary;
 mod json_lines;
 pub mod names;
@@ -24,6 +25,7 @@ use crate::columns::{Columns, Layout, Quantity, ROW, TimeUnit, Unit};
 use crate::error::InputError;
 use crate::left_out::{LeftOut, Lines};
 use crate::recording::Column;
+use bad_lines::BadLines;
 use binary::{Binary, Source};
 
 /// An angle beyond this is taken for a slip of units (°).
@@ -540,6 +542,8 @@ impl Sheet {
             samples.decimals[quantity as usize] = *decimals;
         }
         let [times, pressures, angles] = numbers;
+        let mut bad = BadLines::default();
+        let mut kept = Vec::with_capacity(count);
         for (row, ((time, pressure), angle)) in
             (1..).zip(times.into_iter().zip(pressures).zip(angles))
         {
@@ -548,13 +552,16 @@ impl Sheet {
                 ..error.in_file(path)
             };
             let values = [time, pressure, angle];
-            for (quantity, value) in Quantity::ALL.into_iter().zip(values) {
-                if value.is_nan() || value.abs() > LARGEST_NUMBER {
-                    return Err(
-                        place(not_usable(&value.to_string())).in_column(layout.names.of(quantity))
-                    );
-                }
+            let unusable = Quantity::ALL
+                .into_iter()
+                .zip(values)
+                .find(|(_, value)| value.is_nan() || value.abs() > LARGEST_NUMBER);
+            if let Some((quantity, value)) = unusable {
+                let error = place(not_usable(&value.to_string()));
+                bad.take(row as u64, error.in_column(layout.names.of(quantity)));
+                continue;
             }
+            kept.push(row - 1);
             if let Some((of, question)) = samples.push(values) {
                 let (path, column) = (path.display(), layout.names.of(of));
                 samples
@@ -562,6 +569,10 @@ impl Sheet {
                     .push(format!("{path}, row {row}, column {column}: {question}"));
             }
         }
+        if kept.len() < count {
+            samples.lines = samples.lines.pick(kept.iter().copied());
+        }
+        bad.finish(&mut samples, path, layout)?;
         for (place, (name, values)) in self.columns.into_iter().enumerate() {
             if places.contains(&place) || values.len() != count {
                 continue;
@@ -569,9 +580,10 @@ impl Sheet {
             samples.extra.push(Column {
                 name: optional_name(&name, layout),
                 fields: match values {
-                    Values::Texts(texts) => texts,
+                    Values::Texts(texts) if kept.len() == count => texts,
+                    Values::Texts(texts) => kept.iter().map(|row| texts[*row].clone()).collect(),
                     Values::Numbers(values, decimals) => {
-                        values.into_iter().map(|it| decimals.show(it)).collect()
+                        kept.iter().map(|row| decimals.show(values[*row])).collect()
                     }
                 },
             });

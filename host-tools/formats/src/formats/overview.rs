@@ -44,14 +44,22 @@ impl Overview {
     ///
     /// Names the file that cannot be read, or is no table.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let bytes = read_bytes(path)?;
-        let named = Self::open(&bytes, path, false)?;
+        Self::of_file(&read_bytes(path)?, path)
+    }
+
+    /// Looks at the bytes of a file; `path` is only named in messages.
+    ///
+    /// # Errors
+    ///
+    /// Names the file that is no table.
+    pub fn of_file(bytes: &[u8], path: &Path) -> Result<Self, InputError> {
+        let named = Self::open(bytes, path, false)?;
         let is_header =
             |all: &Self| all.names.len() > 1 && !all.names.iter().any(|name| seems_number(name));
         if let Some(all) = named.filter(|all| is_header(all) && !all.rows.is_empty()) {
             return Ok(all);
         }
-        let headless = Self::open(&bytes, path, true)?;
+        let headless = Self::open(bytes, path, true)?;
         headless.filter(|all| !all.rows.is_empty()).ok_or_else(|| {
             InputError::new(
                 "is no table: no line has two numbers or more, nor names above such lines",
@@ -98,6 +106,26 @@ impl Overview {
                 .unwrap_or(f64::NAN)
         };
         self.rows.iter().map(number).collect()
+    }
+
+    /// The course of a column, from 0 at its least number to 1 at its largest, as means over at most
+    /// so many pieces; NaN where a piece has no number.
+    pub fn course(&self, column: usize, pieces: usize) -> Vec<f64> {
+        let numbers = self.numbers(column);
+        let finite = || numbers.iter().copied().filter(|it| it.is_finite());
+        let low = finite().fold(f64::INFINITY, f64::min);
+        let high = finite().fold(f64::NEG_INFINITY, f64::max);
+        let height = |piece: &[f64]| {
+            let there: Vec<f64> = piece.iter().copied().filter(|it| it.is_finite()).collect();
+            let mean = there.iter().sum::<f64>() / there.len() as f64;
+            if high > low || there.is_empty() {
+                (mean - low) / (high - low)
+            } else {
+                0.0
+            }
+        };
+        let size = numbers.len().div_ceil(pieces.max(1)).max(1);
+        numbers.chunks(size).map(height).collect()
     }
 
     /// What a column is called in `--columns`: by its name, or its number where that is not clear.

@@ -8,11 +8,11 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::path::Path;
 
+use super::bad_lines::BadLines;
 use super::{Decimals, LARGEST_NUMBER, Samples, names, not_usable, optional_name, stamps};
 use crate::bounded::Limits;
 use crate::columns::{Columns, Layout, Quantity, ROW, TimeUnit, Unit, is_made, position};
 use crate::error::InputError;
-use crate::left_out::{LeftOut, What};
 use crate::recording::Column;
 use crate::table::{Header, Numbers, Row, Rows, Wanted, is_with_comma, seems_number};
 
@@ -352,57 +352,6 @@ impl BesideEachOther {
     }
 }
 
-/// Largest share of the lines that may be no rows.
-const BAD_SHARE: f64 = 0.05;
-
-/// Lines that are no rows: torn, cut off, or said by a board while it starts.
-#[derive(Default)]
-struct BadLines {
-    lines: Vec<u64>,
-    /// Lines that repeat the header.
-    headers: Vec<u64>,
-    first: Option<InputError>,
-    /// What is wrong with the last line, if it was cut off.
-    at_end: Option<InputError>,
-}
-
-impl BadLines {
-    fn take(&mut self, line: u64, error: InputError) {
-        self.lines.push(line);
-        self.first.get_or_insert(error);
-    }
-
-    /// Says what was left out, or refuses it if it is too much.
-    fn finish(self, samples: &mut Samples, path: &Path, layout: &Layout) -> Result<(), InputError> {
-        let share = self.lines.len() as f64 / (samples.len() + self.lines.len()) as f64;
-        if let Some(first) = self.first {
-            let is_only = self.lines.len() == 1;
-            let first = self.at_end.filter(|_| is_only).unwrap_or(first);
-            if layout.strict || share > BAD_SHARE {
-                let more = self.lines.len() - 1;
-                return Err(match more {
-                    0 => first,
-                    _ => InputError {
-                        found: format!("{} ({more} more lines are no rows either)", first.found),
-                        ..first
-                    },
-                });
-            }
-            let places = self.lines.iter().map(|line| format!("line {line}"));
-            let text = format!("left out; the first of them {}", first.found);
-            let said = LeftOut::new(What::BadLine, path, places, text);
-            samples.left_out.push(said);
-        }
-        if !self.headers.is_empty() {
-            let places = self.headers.iter().map(|line| format!("line {line}"));
-            let text = "left out, as after a reset of the board";
-            let said = LeftOut::new(What::RepeatedHeader, path, places, text);
-            samples.left_out.push(said);
-        }
-        Ok(())
-    }
-}
-
 /// Whether a row is the header again.
 fn is_header_again(row: &Row, header: &[String]) -> bool {
     row.width() == header.len()
@@ -514,6 +463,7 @@ fn wrong_length(found: usize, expected: usize, last: bool) -> InputError {
 mod tests {
     use super::*;
     use crate::columns::Names;
+    use crate::left_out::What;
     use proptest::prelude::*;
 
     fn read_as(bytes: &[u8], layout: &Layout) -> Result<Samples, InputError> {

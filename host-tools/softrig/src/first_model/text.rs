@@ -7,7 +7,7 @@ use toml_edit::Value;
 
 use super::{Evidence, FirstModel, Geometry, Origin, beam_stiffness};
 use softrig_formats::columns::Layout;
-use softrig_formats::model_file::{parameter_name, parameter_unit, to_file_units};
+use softrig_formats::model_file::{BY_CONVENTION, parameter_name, parameter_unit, to_file_units};
 use softrig_formats::numbers::{four_digits, tidy};
 use softrig_formats::terminal::printable_line;
 
@@ -42,7 +42,7 @@ impl Origin {
             Self::Beam => {
                 "beam formula with material and dimensions: good to a factor of two at best".into()
             }
-            Self::Convention(why) => format!("by convention: {why}"),
+            Self::Convention(why) => format!("{BY_CONVENTION}{why}"),
             Self::Guess(how) => format!("GUESS: {how}"),
         }
     }
