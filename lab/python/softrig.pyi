@@ -485,6 +485,18 @@ class _Experiment:
     separates: list[str]
     expected_delta_chi2: float
 
+class _LeftOut:
+    """What was left out of a file, or changed in it, by the same rule."""
+
+    what: str
+    """Its kind, such as ``"impossible_angle"``; new kinds may come."""
+    file: str
+    count: int
+    places: list[str]
+    """The first of them: ``"line 12"``, or ``"sample 12"`` where a recording has no lines."""
+    text: str
+    """How it is handled, and what to do if that is not meant."""
+
 class _Verdict:
     """The verdict with the names of the JSON, which ``softrig schema`` explains. The JSON's
     ``where`` is called ``places`` here."""
@@ -508,6 +520,7 @@ class _Verdict:
     next_experiment: list[_Experiment]
     ended: Literal["budget"] | None
     not_tried: list[str]
+    left_out: list[_LeftOut]
     recordings: list[str]
     seed: int
     tool_version: str

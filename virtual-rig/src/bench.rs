@@ -21,7 +21,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-use crate::plant::{LetGo, PASCAL_PER_KPA, PlantConfig, sensors::PressureSensor};
+use crate::plant::{LetGo, PASCAL_PER_KPA, PlantConfig, gas::Gas, sensors::PressureSensor};
 
 /// Standard deviation and limit of the pressure's zero (kPa).
 const PRESSURE_ZERO_KPA: (f64, f64) = (0.3, 0.8);
@@ -31,6 +31,35 @@ const ANGLE_ZERO_DEG: (f64, f64) = (0.7, 2.0);
 const LET_GO_DEG: std::ops::Range<f64> = 0.3..2.0;
 /// How long (s) before power-on that may have been.
 const LET_GO_S: std::ops::Range<f64> = 0.5..3.0;
+
+/// Volume of tube and actuator (m³).
+const DEAD_M3: std::ops::Range<f64> = 3e-6..15e-6;
+/// The weather at sea level (Pa).
+const ATMOSPHERE_PA: std::ops::Range<f64> = 98e3..104e3;
+/// Time constants (s) of the leak, evenly in their logarithm, of the cooling and of the tube.
+const LEAK_S: std::ops::Range<f64> = 2_500.0..20_000.0;
+const COOLS_S: std::ops::Range<f64> = 0.3..2.0;
+const TUBE_S: std::ops::Range<f64> = 0.01..0.1;
+/// What an actuator swells by (m³/Pa): up to 2 ml at 100 kPa.
+const SWELLS_M3_PER_PA: std::ops::Range<f64> = 0.0..2e-11;
+
+/// Draws what a healthy rig's air may be. The same seed gives the same.
+pub fn draw_gas(seed: u64) -> Gas {
+    let mut random = Pcg64Mcg::seed_from_u64(seed.wrapping_add(AIR));
+    let leak = random.random_range(LEAK_S.start.ln()..LEAK_S.end.ln());
+    Gas {
+        dead_volume_m3: random.random_range(DEAD_M3),
+        atmosphere_pa: random.random_range(ATMOSPHERE_PA),
+        leak_s: leak.exp(),
+        cools_s: random.random_range(COOLS_S),
+        tube_s: random.random_range(TUBE_S),
+        swells_m3_per_pa: random.random_range(SWELLS_M3_PER_PA),
+        ..Gas::default()
+    }
+}
+
+/// The letters of "air", as [`STREAM`].
+const AIR: u64 = 0x61_6972;
 
 /// Added to a seed, so that the bench of a seed has random numbers of its own:
 /// neither the actuator nor the noise of that seed changes when something is

@@ -30,6 +30,8 @@ pub enum Fault {
     EndSwitch,
     /// The flex sensor has come off the actuator: it shows zero, with much noise.
     DetachedFlex,
+    /// A loose contact of the pressure sensor: its input reads 0 V for a moment, again and again.
+    FlickeringPressure,
     /// The pressure sensor shows less and less, by 0.5 kPa a second.
     DriftingPressure,
     /// The tube to the pressure sensor is half clogged: it shows the pressure late, as of first order.
@@ -71,7 +73,7 @@ pub enum Fault {
 
 impl Fault {
     /// Every fault.
-    pub const ALL: [Self; 30] = [
+    pub const ALL: [Self; 31] = [
         Self::OpenFlex,
         Self::ShortFlex,
         Self::StuckFlex,
@@ -84,6 +86,7 @@ impl Fault {
         Self::EmergencyStop,
         Self::EndSwitch,
         Self::DetachedFlex,
+        Self::FlickeringPressure,
         Self::DriftingPressure,
         Self::Late,
         Self::Branch,
@@ -119,6 +122,7 @@ impl Fault {
             Self::EmergencyStop => "emergency-stop",
             Self::EndSwitch => "end-switch",
             Self::DetachedFlex => "detached-flex",
+            Self::FlickeringPressure => "flickering-pressure",
             Self::DriftingPressure => "drifting-pressure",
             Self::Late => "late",
             Self::Branch => "branch",
@@ -144,6 +148,10 @@ impl Fault {
     pub const fn size(self) -> Size {
         match self {
             Self::DriftingPressure => Size::Drift(-0.5),
+            Self::FlickeringPressure => Size::Gaps {
+                every_ms: 60.0,
+                open_ms: 30.0,
+            },
             Self::Late => Size::Time(0.7),
             Self::Reference => Size::Share(-0.01),
             Self::Ground => Size::Shift(-10.0),
@@ -163,6 +171,13 @@ pub enum Size {
     Fixed,
     /// A time constant (s).
     Time(f64),
+    /// How often, and for how long.
+    Gaps {
+        /// From one to the next (ms).
+        every_ms: f64,
+        /// How long each is (ms).
+        open_ms: f64,
+    },
     /// What a reading gains in a second (kPa/s).
     Drift(f64),
     /// The share by which a reading changes in a second (1/s).
@@ -184,6 +199,7 @@ impl Size {
         match self {
             Self::Fixed => "nothing",
             Self::Time(_) => "0.7s",
+            Self::Gaps { .. } => "60ms,30ms",
             Self::Drift(_) => "-0.5kPa/s",
             Self::Share(_) => "-1%/s",
             Self::Shift(_) => "-10mV/s",
@@ -200,6 +216,14 @@ impl Size {
         Some(match self {
             Self::Fixed => return None,
             Self::Time(_) => Self::Time(number(text, "s").filter(|&time| time > 0.0)?),
+            Self::Gaps { .. } => {
+                let (every, open) = text.split_once(',')?;
+                let open_ms = number(open, "ms").filter(|&open| open > 0.0)?;
+                Self::Gaps {
+                    every_ms: number(every, "ms").filter(|&every| every > open_ms)?,
+                    open_ms,
+                }
+            }
             Self::Drift(_) => Self::Drift(number(text, "kPa/s")?),
             Self::Share(_) => Self::Share(number(text, "%/s")? / 100.0),
             Self::Shift(_) => Self::Shift(number(text, "mV/s")?),
@@ -362,6 +386,30 @@ mod tests {
     }
 
     #[test]
+    fn every_fault_is_on_the_pages_and_in_the_table_of_what_finds_it() {
+        for (page, heading) in [
+            (include_str!("../../docs/virtual-rig.md"), "## Faults"),
+            (
+                include_str!("../../docs/hardware/commissioning.md"),
+                "## What finds what",
+            ),
+        ] {
+            let table = page.split_once(heading).expect("a heading").1;
+            let rows = table.lines().filter(|line| line.starts_with("| `"));
+            let first_columns = rows.filter_map(|row| row.split('|').nth(1));
+            let quoted = first_columns.flat_map(|cell| cell.split('`').skip(1).step_by(2));
+            let named: Vec<_> = quoted
+                .filter_map(|word| word.split('=').next())
+                .filter_map(|word| word.parse::<Fault>().ok())
+                .collect();
+            for fault in Fault::ALL {
+                let count = named.iter().filter(|&&it| it == fault).count();
+                assert_eq!(count, 1, "{fault} below {heading}");
+            }
+        }
+    }
+
+    #[test]
     fn times_are_read_and_mistakes_explained() {
         assert_eq!(
             "leak@1.5..4".parse(),
@@ -409,6 +457,10 @@ mod tests {
         for (text, advice) in [
             ("late=fast", "late=0.7s"),
             ("late=-1s", "late=0.7s"),
+            (
+                "flickering-pressure=30ms,60ms",
+                "flickering-pressure=60ms,30ms",
+            ),
             ("late=1", "late=0.7s"),
             ("mains=50Hz", "mains=50Hz,60mV"),
             ("ground=nan mV/s", "ground=-10mV/s"),

@@ -572,11 +572,16 @@ impl VirtualRig {
         let drift = SensorFault::Drifted(
             self.drifts.pressure_kpa * 1e3 * PressureSensor::MILLIVOLTS_PER_PA,
         );
-        let sensor = |states: [(Fault, SensorFault); 4]| {
+        let now_ms = self.time_s() * 1e3;
+        let holds = |fault: &Fault| match self.faults.get(fault) {
+            Some(&Size::Gaps { every_ms, open_ms }) => now_ms % every_ms < open_ms,
+            size => size.is_some(),
+        };
+        let sensor = |states: &[(Fault, SensorFault)]| {
             states
-                .into_iter()
-                .find(|(fault, _)| self.faults.contains_key(fault))
-                .map_or(SensorFault::None, |(_, state)| state)
+                .iter()
+                .find(|(fault, _)| holds(fault))
+                .map_or(SensorFault::None, |&(_, state)| state)
         };
         let truth = self.plant();
         let inputs = Inputs {
@@ -588,16 +593,17 @@ impl VirtualRig {
                 _ => None,
             },
             kinked: self.faults.contains_key(&Fault::Branch),
-            flex: sensor([
+            flex: sensor(&[
                 (Fault::OpenFlex, SensorFault::Open),
                 (Fault::ShortFlex, SensorFault::Shorted),
                 (Fault::StuckFlex, SensorFault::Stuck),
                 (Fault::DetachedFlex, SensorFault::Detached),
             ]),
-            pressure: sensor([
+            pressure: sensor(&[
                 (Fault::OpenPressure, SensorFault::Open),
                 (Fault::ShortPressure, SensorFault::Shorted),
                 (Fault::StuckPressure, SensorFault::Stuck),
+                (Fault::FlickeringPressure, SensorFault::Open),
                 (Fault::DriftingPressure, drift),
             ]),
         };

@@ -71,7 +71,7 @@ refusals! {
     /// A value is outside its bounds.
     OutOfBounds = 6, "the value is outside its bounds";
     /// The draft of the settings does not make sense as a whole.
-    BadSettings = 7, "the settings do not fit together: set.kpa and set.deg may not exceed max.kpa and max.deg, nor these the range of the sensors; otherwise look at the model's effects, whether it is too fast for the board, and at the calibration table";
+    BadSettings = 7, "the settings do not fit together: set.kpa and set.deg may not exceed max.kpa and max.deg, nor these the range of the sensors; ul.step is too small for a screw whose stroke takes more than two minutes; max.flow has to be reached within 2 s of max.acc; otherwise look at the model's effects, whether it is too fast for the board, and at the calibration table";
     /// The protocol is incomplete or asks for more than the limits.
     BadProtocol = 8, "the protocol is incomplete or exceeds the board's limits";
     /// The EEPROM did not keep what was written.

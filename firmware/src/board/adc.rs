@@ -52,8 +52,15 @@ static COUNT: SharedByte = SharedByte::new(0);
 /// Sums of the last whole period.
 static READINGS: Shared<[Oversampled; 2]> = Shared::new([Oversampled::NOT_MEASURED; 2]);
 
+/// A conversion below this (counts), 0.16 V, is of a wire without contact, for however short a time. In
+/// a mean of sixteen that would only look like less pressure. A power of two: see the assembly.
+const NO_CONTACT: u16 = 32;
+
+/// Marks a sum with such a conversion; sixteen of ten bits leave it free.
+const GAP: u16 = 0x8000;
+
 /// Adds the conversion to a sum, with r24 and r25. Its lower byte is read first: that holds the upper
-/// one.
+/// one. And, or, loads and stores leave the carry alone.
 macro_rules! add_sample {
     ($sum:literal) => {
         concat!(
@@ -65,14 +72,18 @@ macro_rules! add_sample {
              sts {",
             $sum,
             "}, r25
-             lds r24, 0x79
-             lds r25, {",
+             lds r25, 0x79
+             andi r24, {contact}
+             or  r24, r25                    ; zero below NO_CONTACT
+             lds r24, {",
             $sum,
             "}+1
-             adc r25, r24
+             brne 4f
+             ori r24, {gap}
+4:           adc r24, r25
              sts {",
             $sum,
-            "}+1, r25
+            "}+1, r24
             "
         )
     };
@@ -205,11 +216,26 @@ __vector_29:                        ; ADC
     pressure_sum = sym PRESSURE_SUM,
     flex_sum = sym FLEX_SUM,
     count = sym COUNT,
+    contact = const 0x100 - NO_CONTACT,
+    gap = const GAP >> 8,
     converted = sym converted,
 );
 
-// What the assembly takes for granted: the sums lie at their statics' addresses.
+// What the assembly takes for granted: the sums lie at their statics' addresses, and a mask finds what
+// is below a power of two.
 const _: () = assert!(size_of::<Shared<u16>>() == 2);
+const _: () = assert!(NO_CONTACT.is_power_of_two() && NO_CONTACT < 0x100);
+
+/// Adds a conversion to a sum.
+fn add(sum: u16, sample: u16) -> u16 {
+    let gap = if sample < NO_CONTACT { GAP } else { 0 };
+    sum.wrapping_add(sample) | gap
+}
+
+/// The reading of a sum: one with a gap is that of a broken wire, which is bridged while it is short.
+fn reading(sum: u16) -> Oversampled {
+    Oversampled(if sum & GAP == 0 { sum } else { 0 })
+}
 
 /// A conversion is done, in full; entered as an interrupt.
 extern "avr-interrupt" fn converted() {
@@ -223,10 +249,10 @@ extern "avr-interrupt" fn converted() {
     let channel = converter.admux.read().bits();
     if channel == PRESSURE {
         select(converter, FLEX);
-        PRESSURE_SUM.set(section, PRESSURE_SUM.get(section).wrapping_add(sample));
+        PRESSURE_SUM.set(section, add(PRESSURE_SUM.get(section), sample));
     } else if channel == FLEX {
         select(converter, PRESSURE);
-        FLEX_SUM.set(section, FLEX_SUM.get(section).wrapping_add(sample));
+        FLEX_SUM.set(section, add(FLEX_SUM.get(section), sample));
     } else if count > BEATS / 2 {
         FLEX_SUM.set(section, FLEX_SUM.get(section).wrapping_add(sample));
     }
@@ -245,8 +271,8 @@ extern "avr-interrupt" fn converted() {
     } else {
         let readings = if is_whole {
             [
-                Oversampled(PRESSURE_SUM.get(section)),
-                Oversampled(FLEX_SUM.get(section)),
+                reading(PRESSURE_SUM.get(section)),
+                reading(FLEX_SUM.get(section)),
             ]
         } else {
             [Oversampled::NOT_MEASURED; 2]

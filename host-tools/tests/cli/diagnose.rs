@@ -400,7 +400,7 @@ fn an_interrupted_diagnosis_says_what_is_known_and_writes_nothing() {
         panic!("{said}");
     };
     assert_eq!(*title, "unfinished: not a diagnosis");
-    assert!(stage.starts_with("coarse fits of "), "{said}");
+    assert!(stage.starts_with("fits of the effects "), "{said}");
     assert!(how_far.contains(" fits, ") && how_far.contains(" so far"));
     assert!(best.contains(" so far"), "{said}");
     assert!(go_on.contains("repeat the command") && go_on.contains("fits"));

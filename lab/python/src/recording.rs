@@ -64,7 +64,7 @@ impl Recording {
         if let Some(metadata) = metadata {
             inner.meta = meta_of(py, metadata)?;
         }
-        warn(py, warnings)?;
+        warn(py, inner.remarks(warnings))?;
         Ok(Self::of_memory(inner))
     }
 
@@ -95,10 +95,16 @@ impl Recording {
         )?;
         let mut inner = Arc::unwrap_or_clone(made.inner);
         let required = [time_s, pressure_kpa, angle_deg];
+        // Rows without a place in time are not in the recording.
+        let rows: Vec<usize> = (0..inner.len())
+            .filter_map(|sample| usize::try_from(inner.lines.number(sample) - 1).ok())
+            .collect();
         for name in frame.getattr("columns")?.try_iter()? {
             let name = name?.str()?.to_string();
             if !required.contains(&name.as_str()) {
-                let fields = fields(&frame::column(frame, &name)?)?;
+                let all = fields(&frame::column(frame, &name)?)?;
+                let fields = rows.iter().filter_map(|row| all.get(*row).cloned());
+                let fields = fields.collect();
                 inner.extra.push(Column { name, fields });
             }
         }
@@ -276,7 +282,7 @@ pub fn read<'py>(
         let read = py.detach(|| Recording::read(&path, &layout));
         py.check_signals()?;
         let (recording, warnings) = read.or_raise(py)?;
-        warn(py, warnings)?;
+        warn(py, recording.inner.remarks(warnings))?;
         Ok(recording)
     };
     if is_path(path)? {

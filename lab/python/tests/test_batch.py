@@ -91,7 +91,7 @@ def test_a_faulty_list_is_refused_with_its_place(tmp_path: Path) -> None:
         ([{**good, "recordings": []}], r"cases\[0\], recordings: no recording"),
         ([{"case": "a", "recordings": "x.csv"}], r"cases\[0\] has no model"),
         ([{**good, "hold_out": "y.csv"}], "hold_out"),
-        ([{**good, "units": {"time": "days"}}], "units"),
+        ([{**good, "units": {"time": "weeks"}}], "units"),
         (["a"], r"cases\[0\] is of"),
         ([], "no cases"),
     ]:

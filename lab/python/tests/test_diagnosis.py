@@ -28,7 +28,7 @@ def test_it_finds_what_was_hidden(diagnosis: softrig.Diagnosis) -> None:
     low, high = named.interval95["force_n"]
     assert low < named.parameters["force_n"] < high
     assert verdict.family is None and verdict.repair is None
-    assert verdict.ended is None and verdict.not_tried == []
+    assert verdict.ended is None and verdict.not_tried == [] and verdict.left_out == []
     assert verdict.closure is not None and verdict.closure.overall > 0.5
     assert verdict.places[0].share_of_gap > 0
     assert verdict.holdout_rmse_deg.repaired < verdict.holdout_rmse_deg.refit

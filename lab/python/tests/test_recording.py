@@ -61,7 +61,9 @@ def wrong(name: str, place: int, value: float) -> dict[str, object]:
     [
         (wrong("angle_deg", 17, np.nan), r"angle_deg\[17\]: NaN is not a number"),
         (wrong("pressure_kpa", 0, np.inf), r"pressure_kpa\[0\]: inf is not a number"),
-        (wrong("time_s", 50, 0.1), r"time_s\[50\]: time 0.1 s does not follow 0.49 s"),
+        ({"time_s": TIME[::-1]}, r"time_s\[1\]: time 0.98 s does not follow 0.99 s"),
+        # It starts again every ten samples, which show no motion.
+        ({"time_s": np.tile(TIME[:10], 10)}, r"time_s\[10\]: time 0 s does not follow 0.09 s"),
         ({"angle_deg": ANGLE[1:]}, "100 in time_s, 100 in pressure_kpa, 99 in angle_deg"),
         ({"angle_deg": ANGLE.reshape(10, 10)}, "angle_deg has 2 dimensions"),
         ({"angle_deg": ["a"] * 100}, "angle_deg holds <U1"),
@@ -80,6 +82,24 @@ def wrong(name: str, place: int, value: float) -> dict[str, object]:
 def test_what_cannot_be_used_is_refused(given: dict[str, object], says: str) -> None:
     with pytest.raises(softrig.InputError, match=says):
         of(**given)
+
+
+def test_what_is_left_out_is_said(tmp_path: Path) -> None:
+    """A time that fits nowhere takes its row along, in all columns."""
+    late = wrong("time_s", 50, 0.1)["time_s"]
+    columns = {"time_s": late, "pressure_kpa": PRESSURE, "angle_deg": ANGLE}
+    frame = pd.DataFrame(columns | {"row": np.arange(100.0)})
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    with pytest.warns(softrig.InputWarning, match=r"\(sample 51\): left out"):
+        of(time_s=late)
+    with pytest.warns(softrig.InputWarning, match=r"\(sample 51\): left out"):
+        of_frame = softrig.Recording.from_pandas(frame)
+    with pytest.warns(softrig.InputWarning, match=r"\(line 52\): left out"):
+        of_file = softrig.read(tmp_path / "run.csv")
+    for recording in [of_frame, of_file]:
+        kept = recording.to_pandas()
+        assert kept["row"].tolist() == [row for row in range(100) if row != 50]
+        np.testing.assert_allclose(kept["angle_deg"], ANGLE[kept["row"].astype(int)], rtol=1e-12)
 
 
 def test_a_fault_in_a_file_has_a_place(tmp_path: Path) -> None:

@@ -444,10 +444,10 @@ fn a_table_without_names_is_said_with_the_mouse() {
         return;
     };
     let folder = folder("mouse");
-    let rows: String = (0..200)
+    let lines = (0..200)
         .map(|k| f64::from(k) / 20.0)
-        .map(|t| format!("{:.0}\t{:.4}\t7\n", 1e4 * t.sin().abs(), (t - 0.2).sin()))
-        .collect();
+        .map(|t| format!("{:.0}\t{:.4}\t7\n", 1e4 * t.sin().abs(), (t - 0.2).sin()));
+    let rows = lines.collect::<Vec<String>>().concat();
     let log = folder.join("log.txt");
     fs::write(&log, rows).expect("a file");
     for width in WIDTHS {

@@ -5,17 +5,29 @@
 //! Every table of `docs/safety.md` is printed by one of these with `SOFTRIG_ALL_TESTS`; without, they
 //! play some of its cells.
 
+use std::path::Path;
+
 use model_core::{actuator::Model, dynamics::Dynamics};
-use virtual_rig::{Defect, Options};
-use wire::{command::Command, fault::Fault, protocol::ControlMode, settings::Key, state::State};
+use softrig::synth::example::rig_models;
+use softrig_formats::model_file::ModelFile;
+use virtual_rig::{Bench as Errors, Defect, Options, bench::draw_gas};
+use wire::{
+    command::Command,
+    decimal::Hundredths,
+    fault::Fault,
+    protocol::{ControlMode, Segment},
+    settings::Key,
+    state::State,
+};
 
 use crate::bench::Bench;
 
 /// No single fault takes the true pressure beyond (kPa).
 const HIGHEST_KPA: f64 = 200.0;
 
-/// What is asked for (kPa).
+/// What is asked for (kPa), and how far below `max.kpa` that is.
 const ASKED_KPA: f32 = 155.0;
+const BELOW_LIMIT_KPA: f32 = 25.0;
 
 /// Whether all cells of a table are to be played.
 fn all_tests() -> bool {
@@ -58,10 +70,29 @@ struct Ended {
 
 /// Asks for a pressure with something broken, until a fault or for some seconds.
 fn play(options: Options, flow: f32, defect: &str, when: When, seconds: f64) -> Option<Ended> {
+    let settings = if flow.to_bits() == 5_000.0_f32.to_bits() {
+        &[][..]
+    } else {
+        &[(Key::MaxFlow, flow)]
+    };
+    play_with(options, settings, ASKED_KPA, defect, when, seconds)
+}
+
+/// The same with settings that are not the shipped ones.
+fn play_with(
+    options: Options,
+    settings: &[(Key, f32)],
+    asked_kpa: f32,
+    defect: &str,
+    when: When,
+    seconds: f64,
+) -> Option<Ended> {
     let mut bench = Bench::start(options)?;
     let defect: Defect = defect.parse().expect("a fault");
-    if flow.to_bits() != 5_000.0_f32.to_bits() {
-        bench.set(Key::MaxFlow, flow);
+    for &(key, value) in settings {
+        bench.set(key, value);
+    }
+    if !settings.is_empty() {
         bench.save();
     }
     if when == When::Armed {
@@ -73,7 +104,7 @@ fn play(options: Options, flow: f32, defect: &str, when: When, seconds: f64) -> 
         highest_kpa: bench.highest_kpa,
         after_s,
     };
-    if !bench.prepare(ControlMode::Pressure, ASKED_KPA) {
+    if !bench.prepare(ControlMode::Pressure, asked_kpa) {
         return Some(ended(&bench, 0.0));
     }
     bench.obey(Command::Run(None));
@@ -255,6 +286,173 @@ fn mains_beside_the_wires_is_no_fault() {
             };
             println!("{wave}, {when:?}: {ended:?}");
             assert_eq!(ended.fault, None, "{ended:?}");
+        }
+    }
+}
+
+/// A healthy rig that is drawn: actuator, what its sensors show at zero, and its air, which warms up
+/// and leaks. As stiff as many times the drawn one, so that `max.deg` allows more.
+fn drawn(seed: u64, stiffness: f64) -> Options {
+    let models = rig_models(seed, None).expect("an actuator");
+    let truth = ModelFile::parse(&models.truth, Path::new("drawn")).expect("it was written so");
+    let believed = *truth.model.dynamics();
+    let dynamics = Dynamics {
+        stiffness: stiffness * believed.stiffness,
+        ..believed
+    };
+    let effects: Vec<_> = truth.model.effects().collect();
+    let actuator = Model::new(dynamics, &effects).expect("it is only stiffer");
+    let mut options = Options::with_actuator(actuator);
+    Errors::draw(seed).apply(&mut options.plant);
+    options.plant.gas = draw_gas(seed);
+    options.seed = seed;
+    options
+}
+
+/// What the arming demands and the run watches is there in every rig that is well.
+#[test]
+fn no_healthy_rig_is_a_fault() {
+    let seeds = if all_tests() { 1..41 } else { 1..3 };
+    let mut faults = Vec::new();
+    for seed in seeds {
+        let Some(mut bench) = Bench::start(drawn(seed, 5.0)) else {
+            return;
+        };
+        bench.run(1.5);
+        // To the limit at once, held, let go, and there again more slowly.
+        let step = |level: f32, duration_ms| Segment::Step {
+            mode: ControlMode::Pressure,
+            level: Hundredths::round(level),
+            duration_ms,
+        };
+        let segments = [
+            step(ASKED_KPA, 20_000),
+            step(0.0, 8_000),
+            step(60.0, 5_000),
+            step(ASKED_KPA, 20_000),
+        ];
+        bench.obey(Command::Load(4));
+        for (index, segment) in (0..).zip(segments) {
+            bench.obey(Command::Segment { index, segment });
+        }
+        bench.obey(Command::Arm);
+        let is_over = |bench: &Bench| matches!(bench.state(), State::Ready | State::Fault);
+        bench.until(40.0, "ready or a fault", is_over);
+        let is_armed = bench.state() == State::Ready;
+        bench.highest_kpa = 0.0;
+        let from_s = bench.rig.time_s();
+        if is_armed {
+            bench.obey(Command::Run(None));
+            bench.run(0.5);
+            bench.until(120.0, "the end of the run", |bench| {
+                bench.state() != State::Running
+            });
+        }
+        let ended = (seed, is_armed, bench.fault(), bench.rig.time_s() - from_s);
+        println!(
+            "{ended:?}, {:.0} kPa, {:?}",
+            bench.highest_kpa,
+            bench.rig.plant()
+        );
+        if bench.fault().is_some() {
+            faults.push(ended);
+        }
+    }
+    assert!(faults.is_empty(), "{faults:?}");
+}
+
+/// A loose contact of the pressure sensor, in gaps that are too short for a fault of their own.
+#[test]
+fn a_pressure_sensor_that_flickers() {
+    let flickers: &[&str] = if all_tests() {
+        &[
+            "20ms,1ms",
+            "20ms,3ms",
+            "20ms,8ms",
+            "37ms,3ms",
+            "60ms,30ms",
+            "50ms,40ms",
+            "55ms,45ms",
+            "200ms,40ms",
+            "60ms,55ms",
+        ]
+    } else {
+        &["200ms,40ms"]
+    };
+    let mut highest_kpa = 0.0_f64;
+    for flicker in flickers {
+        for when in [When::Armed, When::Run, When::After(15.0)] {
+            let defect = format!("flickering-pressure={flicker}");
+            let Some(ended) = play(stiffer(4.0), 5_000.0, &defect, when, 30.0) else {
+                return;
+            };
+            println!("{flicker}, {when:?}: {ended:?}");
+            highest_kpa = highest_kpa.max(ended.highest_kpa);
+        }
+    }
+    // What is read between the gaps is right.
+    assert!(
+        highest_kpa < f64::from(ASKED_KPA) + 3.0,
+        "{highest_kpa} kPa"
+    );
+}
+
+/// Air pressure (Pa) at 500, 2 000 and 3 000 m, and the `max.kpa` of `docs/safety.md` for it.
+const HEIGHTS: [(f64, f32); 3] = [(95e3, 165.0), (80e3, 120.0), (70e3, 95.0)];
+
+/// The arming takes the air for that of sea level. A rig that is well is no fault in thin air, and with
+/// `max.kpa` as the table says no sensor that lies takes it beyond 200 kPa.
+#[test]
+fn thin_air_needs_a_lower_limit() {
+    let heights = if all_tests() {
+        &HEIGHTS[..]
+    } else {
+        &HEIGHTS[2..]
+    };
+    let defects: &[&str] = if all_tests() {
+        &[
+            "drifting-pressure=-1kPa/s",
+            "drifting-pressure=-2kPa/s",
+            "drifting-pressure=-10kPa/s",
+            "reference=-1%/s",
+            "ground=-30mV/s",
+            "late=0.5s",
+            "late=1s",
+            "branch",
+        ]
+    } else {
+        &["drifting-pressure=-2kPa/s"]
+    };
+    for &(atmosphere_pa, max_kpa) in heights {
+        let thin = || {
+            let mut options = stiffer(4.0);
+            options.plant.gas.atmosphere_pa = atmosphere_pa;
+            options
+        };
+        let nothing = "mains=50Hz,1mV";
+        let Some(ended) = play(thin(), 5_000.0, nothing, When::Run, 60.0) else {
+            return;
+        };
+        println!("{atmosphere_pa} Pa, well: {ended:?}");
+        assert_eq!(ended.fault, None, "{atmosphere_pa} Pa: {ended:?}");
+        assert!(ended.highest_kpa < 160.0, "{atmosphere_pa} Pa: {ended:?}");
+        let settings = [
+            (Key::MaxPressure, max_kpa),
+            (Key::SetpointMaxPressure, max_kpa - 20.0),
+        ];
+        let asked_kpa = max_kpa - BELOW_LIMIT_KPA;
+        for defect in defects {
+            for when in [When::Run, When::After(6.0)] {
+                let Some(ended) = play_with(thin(), &settings, asked_kpa, defect, when, 100.0)
+                else {
+                    return;
+                };
+                println!("{atmosphere_pa} Pa, max.kpa {max_kpa}, {defect}, {when:?}: {ended:?}");
+                assert!(
+                    ended.highest_kpa < HIGHEST_KPA,
+                    "{atmosphere_pa} Pa, {defect}: {ended:?}"
+                );
+            }
         }
     }
 }

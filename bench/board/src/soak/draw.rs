@@ -132,6 +132,7 @@ impl Misfortune {
             // One that shows less than there is lets the pump push on; mended, it shows
             // what there is.
             Fault::StuckPressure
+            | Fault::FlickeringPressure
             | Fault::DriftingPressure
             | Fault::Late
             | Fault::Branch

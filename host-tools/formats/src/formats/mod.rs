@@ -389,6 +389,17 @@ impl Values {
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
+
+    /// Those of some rows, as they stand in a file.
+    fn shown(self, rows: &[usize]) -> Vec<String> {
+        match self {
+            Self::Texts(texts) if rows.len() == texts.len() => texts,
+            Self::Texts(texts) => rows.iter().map(|row| texts[*row].clone()).collect(),
+            Self::Numbers(values, decimals) => {
+                rows.iter().map(|row| decimals.show(values[*row])).collect()
+            }
+        }
+    }
 }
 
 impl Sheet {
@@ -572,19 +583,12 @@ impl Sheet {
         }
         bad.finish(&mut samples, path, layout)?;
         for (place, (name, values)) in self.columns.into_iter().enumerate() {
-            if places.contains(&place) || values.len() != count {
-                continue;
+            if !places.contains(&place) && values.len() == count {
+                samples.extra.push(Column {
+                    name: optional_name(&name, layout),
+                    fields: values.shown(&kept),
+                });
             }
-            samples.extra.push(Column {
-                name: optional_name(&name, layout),
-                fields: match values {
-                    Values::Texts(texts) if kept.len() == count => texts,
-                    Values::Texts(texts) => kept.iter().map(|row| texts[*row].clone()).collect(),
-                    Values::Numbers(values, decimals) => {
-                        kept.iter().map(|row| decimals.show(values[*row])).collect()
-                    }
-                },
-            });
         }
         samples.forget_converted_decimals();
         samples

@@ -10,9 +10,9 @@ use model_core::dynamics::Dynamics;
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::executor::{Executor, Unfitted};
-use super::missing_force::Guesses;
 use super::needs::Shown;
 use super::policy::Policy;
+use super::score::{Guess, Guesses};
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::identify::HARDLY_VISIBLE;
@@ -353,8 +353,8 @@ pub fn added(
     base: &Candidate,
     kind: Kind,
 ) -> Result<Candidate, Unfitted> {
-    let predicted = predicted(context, base, kind)?;
-    final_fit(context, &coarse_fit(context, &predicted)?)
+    let predicted = predicted(context, base, kind, Starts::Scored)?;
+    final_fit(context, &coarse_fit(context, &predicted)?, Effort::Full)
 }
 
 /// Why an effect was not tried.
@@ -433,24 +433,24 @@ pub struct FitContext<'a> {
     pub executor: Executor<'a>,
 }
 
-/// An effect added to a fitted structure, with the predicted SSE of one Gauss–Newton step.
+/// An effect added to a fitted structure, where its fit begins.
 #[derive(Clone, Debug)]
 pub struct Predicted {
     /// The effects, the new one last.
     pub added: Vec<Kind>,
-    /// The sum of squares (rad²) on the subsample after one step from the best guess.
-    pub sse: f64,
-    /// The initial guesses with the least predicted SSE.
+    /// The best initial guesses.
     starts: Vec<Model<f64>>,
+    /// Whether they come from the score, which expects zeros where they are without any fit.
+    is_scored: bool,
 }
 
 impl Predicted {
     /// Two effects beside those of `base`, from one initial guess.
-    pub fn of_start(base: &Candidate, pair: [Kind; 2], sse: f64, start: Model<f64>) -> Self {
+    pub fn of_start(base: &Candidate, pair: [Kind; 2], start: Model<f64>) -> Self {
         Self {
             added: base.added.iter().copied().chain(pair).collect(),
-            sse,
             starts: vec![start],
+            is_scored: false,
         }
     }
 
@@ -462,7 +462,16 @@ impl Predicted {
     }
 }
 
-/// The predicted SSE of one further effect, by a score test at each of its initial guesses.
+/// Where the fit of a further effect begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Starts {
+    /// Where its score says, if that says anything.
+    Scored,
+    /// At the best of all combinations of the catalogue's values, as well.
+    Everywhere,
+}
+
+/// One further effect at the best of its initial guesses, by a score test of each.
 ///
 /// # Errors
 ///
@@ -471,6 +480,7 @@ pub fn predicted(
     context: &FitContext<'_>,
     base: &Candidate,
     kind: Kind,
+    from: Starts,
 ) -> Result<Predicted, Unfitted> {
     /// Number of initial guesses to keep.
     const BEST: usize = 2;
@@ -482,11 +492,21 @@ pub fn predicted(
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
+    let guessed = guessed(context, base, kind);
+    if from == Starts::Scored && !guessed.is_empty() {
+        return Ok(Predicted {
+            added,
+            starts: guessed,
+            is_scored: true,
+        });
+    }
     let starts = starts(context, base, kind);
     let best = context
         .subsample
         .least_predicted(&starts.as_fitted, &free, BEST);
-    let sse = best.first().ok_or(Unfitted::Diverged)?.0;
+    if best.is_empty() {
+        return Err(Unfitted::Diverged);
+    }
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     let swinging = context
         .subsample
@@ -509,8 +529,8 @@ pub fn predicted(
     }
     Ok(Predicted {
         added,
-        sse,
         starts: starts_on,
+        is_scored: false,
     })
 }
 
@@ -523,9 +543,21 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Can
     let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &predicted.added);
     let starts = &predicted.starts;
+    let expecting = context
+        .subsample
+        .data
+        .guessing(&context.subsample.data.expected());
+    let fitter = Fitter {
+        data: if predicted.is_scored {
+            &expecting
+        } else {
+            context.subsample.data
+        },
+        ..*context.subsample
+    };
     let fit = context
         .executor
-        .best_of(context.subsample, starts, &free, Effort::Coarse)?;
+        .best_of(&fitter, starts, &free, Effort::Coarse)?;
     Ok(Candidate::of(predicted.added.len(), fit))
 }
 
@@ -544,7 +576,11 @@ fn remembers(kind: Kind) -> bool {
 /// # Errors
 ///
 /// If the time was up.
-pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Result<Candidate, Unfitted> {
+pub fn final_fit(
+    context: &FitContext<'_>,
+    candidate: &Candidate,
+    effort: Effort,
+) -> Result<Candidate, Unfitted> {
     let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &candidate.added);
     let all = context.fitter.data;
@@ -555,7 +591,7 @@ pub fn final_fit(context: &FitContext<'_>, candidate: &Candidate) -> Result<Cand
         data: guessed.as_ref().unwrap_or(all),
         ..*context.fitter
     };
-    let fit = |model: &Model<f64>| context.executor.fit(&fitter, model, &free, Effort::Full);
+    let fit = |model: &Model<f64>| context.executor.fit(&fitter, model, &free, effort);
     let best = in_best_shape(context, fit(&candidate.fit.model)?, |it| {
         let executor = &context.executor;
         let few = executor.fit(&fitter, &it.model, &free, SHAPED)?;
@@ -598,7 +634,7 @@ pub fn in_best_shape(
 /// The final fit of a candidate; where there is no time for it, the candidate simulated over
 /// everything, as it is.
 pub fn finished(context: &FitContext<'_>, candidate: &Candidate) -> Candidate {
-    final_fit(context, candidate).unwrap_or_else(|_| {
+    final_fit(context, candidate, Effort::Full).unwrap_or_else(|_| {
         let as_it_is = simulated(context, candidate);
         Candidate {
             fit: context.fitter.informed(&as_it_is.fit),
@@ -643,11 +679,11 @@ pub fn starts_from(
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
 /// values, with the base parameters as fitted without the effect, and what the missing force
 /// suggests.
-fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
+fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Combinations {
     let values = combinations(kind, |row| context.scales.starts_of(kind, row));
     let fitted = *base.fit.model.dynamics();
     let swinging = context.scales.swinging(&fitted);
-    let mut starts = Starts::default();
+    let mut starts = Combinations::default();
     for values in &values {
         let Some(effect) = kind.build(values) else {
             continue;
@@ -668,13 +704,24 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Starts {
             Model::new(dynamics, &effects).ok()
         }));
     }
-    for guess in context.guesses.of_kind(kind) {
-        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
-        let is_alone = base.added.is_empty();
-        let dynamics = if is_alone { guess.base } else { fitted };
-        starts.as_fitted.extend(Model::new(dynamics, &effects));
-    }
+    starts.as_fitted.extend(guessed(context, base, kind));
     starts
+}
+
+/// What the score suggests.
+fn guessed(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
+    let is_alone = base.added.is_empty();
+    let of_guess = |guess: &Guess| {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        let dynamics = if is_alone {
+            guess.base
+        } else {
+            *base.fit.model.dynamics()
+        };
+        Model::new(dynamics, &effects).ok()
+    };
+    let guesses = context.guesses.of_kind(kind);
+    guesses.iter().filter_map(of_guess).collect()
 }
 
 /// Every combination of the choices for each parameter of an effect.
@@ -698,7 +745,7 @@ pub fn combinations(kind: Kind, choices: impl Fn(&Parameter) -> Vec<f64>) -> Vec
 
 /// Initial guesses of a fit.
 #[derive(Clone, Debug, Default)]
-struct Starts {
+struct Combinations {
     /// With the base parameters as fitted without the effect.
     as_fitted: Vec<Model<f64>>,
     /// With base parameters beside which the inertia shows, where it does not as fitted.

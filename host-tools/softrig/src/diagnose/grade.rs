@@ -13,12 +13,12 @@ use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use super::levels::{Base, Estimate, Levels};
 use super::measure::{Baseline, MeasureContext, Measured};
-use super::missing_force::Guesses;
 use super::noise::NoiseFloor;
 use super::pairs;
 use super::policy::{Policy, Search};
+use super::score::Guesses;
 use super::validation::CrossValidator;
-use crate::estimate::fit::Fit;
+use crate::estimate::fit::{Effort, Fit};
 
 /// Number of structures of each size to which another effect is added.
 const LEADS: usize = 2;
@@ -85,7 +85,10 @@ impl Graded {
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
                 let candidate = Candidate::of(row.estimate.added.len(), fit);
-                executor.reached(SearchPart::Combinations, final_fit(context, &candidate))
+                executor.reached(
+                    SearchPart::Combinations,
+                    final_fit(context, &candidate, Effort::Full),
+                )
             })
             .collect()
     }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, free_parameters, in_best_shape, starts_from};
 use super::executor::{Executor, Unfitted};
-use super::missing_force::Guesses;
+use super::score::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
 
@@ -129,7 +129,7 @@ impl<'a> Levels<'a> {
         let context = &self.context;
         let by_output_error = estimate.fits.last();
         let beside = by_output_error
-            .map(|fit| Guesses::of(context.subsample, fit, self.noise, kinds, context.scales));
+            .map(|fit| Guesses::beside(context.subsample, fit, self.noise, kinds, context.scales));
         Base {
             estimate,
             at,

@@ -199,8 +199,8 @@ impl NoiseFloor {
                 sum / fitter.data.samples().max(1) as f64
             }));
             let error = standard_deviation(&squares) / (squares.len() as f64).sqrt();
-            // Of a sum of squares with the floor, what is far smaller does not count.
-            let known = mean(&squares).max(INPUT_ACCURACY * self.rms * self.rms);
+            // Of a sum of squares with the floor, what is much smaller hardly counts.
+            let known = mean(&squares).max(SMALL * self.rms * self.rms);
             let is_beyond = mean(&squares) - 3.0 * error > self.rms * self.rms;
             if is_beyond || error <= 2.0 * INPUT_ACCURACY * known {
                 break;
@@ -217,6 +217,9 @@ impl NoiseFloor {
 
 /// Relative accuracy of the RMS error from noise of the pressure.
 const INPUT_ACCURACY: f64 = 0.01;
+
+/// Below this share of the floor, in squares, an error need not be known better.
+const SMALL: f64 = 0.1;
 
 /// Draws of the noise that are made at once, and at most.
 const BATCH: usize = 8;

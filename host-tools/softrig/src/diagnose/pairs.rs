@@ -18,7 +18,7 @@ use crate::estimate::fit::Fitter;
 use crate::portable::product;
 
 use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
-use super::missing_force::Guesses;
+use super::score::Guesses;
 
 /// Initial guesses of each effect that are combined with those of every other.
 const STARTS: usize = 2;
@@ -63,9 +63,9 @@ pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec
     let mut seen = BTreeSet::new();
     predicted
         .into_iter()
-        .filter_map(|(sse, a, b)| {
+        .filter_map(|(_, a, b)| {
             let (a, b) = (&directions[a], &directions[b]);
-            let predicted = Predicted::of_start(base, [a.kind, b.kind], sse, both(base, a, b)?);
+            let predicted = Predicted::of_start(base, [a.kind, b.kind], both(base, a, b)?);
             seen.insert(predicted.set()).then_some(predicted)
         })
         .collect()

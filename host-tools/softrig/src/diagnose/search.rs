@@ -14,14 +14,14 @@ use super::executor::Executor;
 use super::finding::Finding;
 use super::grade::{Graded, grade};
 use super::measure::MeasuredStructure;
-use super::missing_force::Guesses;
+use super::score::Guesses;
 use super::selection::{Fitted, Rows, Selection};
 use super::singles::{Singles, is_settled, singles};
 use super::validation::CrossValidator;
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::{short_segments, subsample};
+use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, short_segments, subsample};
 use softrig_formats::model_file::ModelFile;
 
 /// The best single effects that others are tried in place of.
@@ -81,7 +81,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         return Searched::nothing(quiet, Vec::new(), baseline);
     }
     let (kinds, untried) = applicable(&file.model, options.own, &fitter);
-    let material = Material::of(&fitter, &baseline.refit);
+    let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_FIT);
     let guesses = material.guesses(&fitter, &baseline, &kinds);
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, &guesses, options);
@@ -141,7 +141,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
             let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input)
                 .beside(baseline.nominal.model);
             validator.raise_floor(baseline.floor.rms);
-            let material = Material::of(&fitter, &baseline.refit);
+            let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_RANK);
             let fitters = material.fitters(&fitter);
             let context = fitters.context(file, &material, &guesses, options);
             let measured = Fitted {
@@ -253,7 +253,7 @@ impl Grading {
             let file = &baseline.file;
             let fitter = Fitter::new(&file.model, &baseline.data);
             let validator = CrossValidator::new(file, &fitter, baseline.floor.input);
-            let material = Material::of(&fitter, &baseline.refit);
+            let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_RANK);
             let fitters = material.fitters(&fitter);
             grade(
                 &fitters.context(file, &material, &guesses, options),
@@ -280,11 +280,11 @@ struct Material {
 }
 
 impl Material {
-    fn of(fitter: &Fitter<'_>, refit: &Candidate) -> Self {
+    fn of(fitter: &Fitter<'_>, refit: &Candidate, enough: usize) -> Self {
         Self {
             short_segments: (!in_step(fitter.data, &refit.fit))
                 .then(|| short_segments(fitter.data, fitter.nominal)),
-            subsample: subsample(fitter.data, &refit.fit.model),
+            subsample: subsample(fitter.data, &refit.fit.model, enough),
             scales: Scales::of(fitter, &refit.fit),
         }
     }
@@ -292,7 +292,8 @@ impl Material {
     /// What the missing force of the refit suggests.
     fn guesses(&self, fitter: &Fitter<'_>, baseline: &Baseline, kinds: &[Kind]) -> Guesses {
         let noise = baseline.floor.white;
-        Guesses::of(fitter, &baseline.refit.fit, noise, kinds, &self.scales)
+        let fits = [&baseline.refit.fit, &baseline.nominal];
+        Guesses::of(fitter, fits, noise, kinds, &self.scales)
     }
 
     fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {

@@ -4,10 +4,11 @@ use model_core::catalogue::Kind;
 
 use super::candidates::{Candidate, FitContext, Scales, added};
 use super::executor::{Executor, Unfitted};
-use super::missing_force::Guesses;
+use super::score::Guesses;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::subsample;
+use crate::estimate::subsample::{ENOUGH_TO_FIT, subsample};
+use crate::statistics::mean;
 use softrig_formats::model_file::ModelFile;
 
 /// The refitted structure with these effects added, one after the other, each by a final fit.
@@ -23,14 +24,23 @@ pub fn fit(
     executor: Executor<'_>,
 ) -> Result<Candidate, Unfitted> {
     let fitter = Fitter::new(&file.model, data);
-    let subsample = subsample(&data.guessing(&refit.fit.nuisances), &refit.fit.model);
+    let subsample = subsample(
+        &data.guessing(&refit.fit.nuisances),
+        &refit.fit.model,
+        ENOUGH_TO_FIT,
+    );
+    let scales = Scales::of(&fitter, &refit.fit);
+    let noises = data.sessions().iter().map(|session| session.prior().noise);
+    let noise = mean(&noises.collect::<Vec<f64>>());
+    let fits = [&refit.fit, &fitter.compare(&file.model)];
+    let guesses = Guesses::of(&fitter, fits, noise, kinds, &scales);
     let context = FitContext {
         file,
         fitter: &fitter,
         short_segments: None,
         subsample: &Fitter::new(&file.model, &subsample),
-        scales: &Scales::of(&fitter, &refit.fit),
-        guesses: &Guesses::default(),
+        scales: &scales,
+        guesses: &guesses,
         executor,
     };
     kinds

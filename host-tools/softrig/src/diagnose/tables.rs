@@ -155,7 +155,7 @@ mod tests {
     use crate::diagnose::Progress;
     use crate::diagnose::candidates::Scales;
     use crate::diagnose::executor::Executor;
-    use crate::diagnose::missing_force::Guesses;
+    use crate::diagnose::score::Guesses;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
     use crate::synth::example::{Hidden, make};

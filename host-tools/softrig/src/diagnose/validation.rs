@@ -9,8 +9,9 @@
 //! Leave-out fits use one Gauss–Newton step ([`crate::estimate::information`]), and are
 //! refitted only where that cannot be trusted.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
@@ -18,10 +19,10 @@ use model_core::catalogue::Kind;
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
 use super::policy::Search;
-use crate::estimate::Segment;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::estimate::placement::Placement;
+use crate::estimate::{Dataset, Segment};
 use crate::sim::board::{self, OnBoard};
 use softrig_formats::model_file::{ModelFile, parameters};
 
@@ -39,6 +40,9 @@ const MOST_FOLDS: usize = 10;
 /// Leave-out fits use one Gauss–Newton step; they are refitted if the squared error on the
 /// omitted segments exceeds this multiple of the full fit's.
 const TRUSTED: f64 = 1.2;
+
+/// Steps of these: the full fit is near, and a thousandth of the error decides nothing.
+const REFITTED: Effort = Effort::Steps(4);
 
 /// Held-out errors (rad).
 #[derive(Clone, Debug, PartialEq)]
@@ -141,32 +145,22 @@ pub fn at_horizons(
         .collect()
 }
 
-/// Squared errors of a segment.
-trait Squared: Clone + Default {
-    /// Over the whole segment (rad²).
-    fn sum(&self) -> f64;
+/// A fold of a structure: the model as fitted without it, and what that leaves there.
+#[derive(Clone)]
+struct LeftOut {
+    model: Model<f64>,
+    validation: Validation,
 }
 
-impl Squared for f64 {
-    fn sum(&self) -> f64 {
-        *self
-    }
-}
+/// The folds of a structure, in the order of the validator's; one where segments are held out.
+type Folds = Arc<Vec<LeftOut>>;
 
-impl Squared for Vec<f64> {
-    fn sum(&self) -> f64 {
-        self.iter().map(|residual| residual * residual).sum()
-    }
-}
-
-/// What was found on a segment: squared errors at three horizons, the last of them that of the
-/// whole simulation.
-type Segmentwise = [Squares; 3];
-
-impl Squared for Segmentwise {
-    fn sum(&self) -> f64 {
-        self[2].sum
-    }
+/// Whether zeros and initial states of sessions that are fitted in part are estimated anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Zeros {
+    Anew,
+    /// A few segments hardly change them.
+    AsFitted,
 }
 
 /// A structure as fitted: the key of its held-out errors. Two fits of one structure
@@ -209,8 +203,8 @@ pub struct CrossValidator<'a> {
     floor: f64,
     /// Whether every held-out segment repeats a fitted one.
     only_repeats: bool,
-    /// Squared errors of each segment found before: several steps need the same ones.
-    memo: Mutex<BTreeMap<Key, Vec<f64>>>,
+    /// What was found before: several steps need the same.
+    memo: Mutex<BTreeMap<(Key, Zeros), Folds>>,
 }
 
 impl<'a> CrossValidator<'a> {
@@ -279,16 +273,8 @@ impl<'a> CrossValidator<'a> {
 
     /// Sum of squared errors of a fitted structure on each run.
     fn squares_of(&self, candidate: &Candidate) -> Vec<f64> {
-        let key = Key::of(candidate);
-        let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = memo().get(&key) {
-            return known.clone();
-        }
-        let found = self.collect(candidate, |fitter, model| {
-            squares(&fitter.validate(model).residuals)
-        });
-        memo().insert(key, found.clone());
-        found
+        let folds = self.left_out(candidate, Zeros::Anew);
+        self.in_order(&folds, |_, fold| squares(&fold.validation.residuals))
     }
 
     /// The noise floor of the held-out runs (rad).
@@ -333,7 +319,8 @@ impl<'a> CrossValidator<'a> {
         let lengths = self.lengths();
         let nominal = self.nominal_squares();
         let before = self.squares_of(refit);
-        let after = self.collect(repaired, board_squares);
+        let folds = self.left_out(repaired, Zeros::Anew);
+        let after = self.in_order(&folds, board_squares);
         let each = |run: usize, squares: &[f64]| {
             let samples = lengths[run].max(1) as f64;
             (squares.get(run).copied().unwrap_or(0.0) / samples).sqrt()
@@ -368,88 +355,127 @@ impl<'a> CrossValidator<'a> {
     /// Squared errors of the supplied model on each segment; its zeros and initial states
     /// are estimated without that segment as well.
     fn nominal_squares(&self) -> Vec<f64> {
-        self.over_folds(|fitter, _| squares(&fitter.validate(&self.supplied).residuals))
+        let validated = self.data_of_folds().map(|data| {
+            let fitter = self.of(&data);
+            LeftOut {
+                model: self.supplied,
+                validation: fitter.validate(&self.supplied),
+            }
+        });
+        let folds: Vec<LeftOut> = validated.collect();
+        self.in_order(&folds, |_, fold| squares(&fold.validation.residuals))
     }
 
-    /// Collects the squared errors of each held-out segment.
-    fn collect<T: Squared>(
-        &self,
-        candidate: &Candidate,
-        squares: impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<T>,
-    ) -> Vec<T> {
-        self.over_folds(|fitter, fold| match fold {
-            Some(fold) => self.fold_squares(candidate, fitter, fold, &squares),
-            None => squares(fitter, &candidate.fit.model),
-        })
-    }
-
-    /// Residuals (rad) of a fitted structure on each held-out segment. They are simulated again
-    /// rather than kept: over a thousand recordings those of every structure take more memory
-    /// than all else.
+    /// Residuals (rad) of a fitted structure on each held-out segment.
     pub fn residuals_of(&self, candidate: &Candidate) -> Vec<Vec<f64>> {
-        self.collect(candidate, |fitter, model| {
-            fitter.validate_near(model).residuals
-        })
+        let folds = self.left_out(candidate, Zeros::AsFitted);
+        self.in_order(&folds, |_, fold| fold.validation.residuals.clone())
     }
 
     /// RMS errors (rad) of a fitted structure on held-out segments, over blocks of two horizons
     /// (s) and over whole segments.
     pub fn predicted(&self, candidate: &Candidate, horizons: [f64; 2]) -> Errors {
-        let found: Vec<Segmentwise> = self.collect(candidate, |fitter, model| {
-            let Validation {
-                residuals,
-                nuisances,
-            } = fitter.validate_near(model);
-            at_horizons(&residuals, horizons, |horizon| {
-                block_errors(model, fitter.data, &nuisances, horizon, false)
+        let folds = self.left_out(candidate, Zeros::AsFitted);
+        let found: Vec<[Squares; 3]> = self.in_order(&folds, |data, fold| {
+            let LeftOut { model, validation } = fold;
+            at_horizons(&validation.residuals, horizons, |horizon| {
+                block_errors(model, data, &validation.nuisances, horizon, false)
             })
         });
         Errors::of(&found)
     }
 
-    /// Evaluates the data with its held-out segments, or without each fold in turn, and
-    /// returns the results in the order of the segments.
-    fn over_folds<T: Squared>(
+    /// The data with its held-out segments, or without each fold in turn.
+    fn data_of_folds(&self) -> impl Iterator<Item = Cow<'a, Dataset>> {
+        let data = self.fitter.data;
+        let all = (!self.in_turn()).then_some(Cow::Borrowed(data));
+        let without = |fold: &Vec<usize>| Cow::Owned(data.without(fold));
+        all.into_iter().chain(self.folds.iter().map(without))
+    }
+
+    fn of<'b>(&self, data: &'b Dataset) -> Fitter<'b>
+    where
+        'a: 'b,
+    {
+        Fitter::new(self.fitter.nominal, data)
+    }
+
+    /// What is taken of each segment of each fold, in the order of the segments.
+    fn in_order<T: Default + Clone>(
         &self,
-        squares: impl Fn(&Fitter<'_>, Option<&[usize]>) -> Vec<T>,
+        folds: &[LeftOut],
+        take: impl Fn(&Dataset, &LeftOut) -> Vec<T>,
     ) -> Vec<T> {
-        let nominal = self.fitter.nominal;
+        let mut taken = self
+            .data_of_folds()
+            .zip(folds)
+            .map(|(data, fold)| take(&data, fold));
         if !self.in_turn() {
-            return squares(self.fitter, None);
+            return taken.next().unwrap_or_default();
         }
         let mut each = vec![T::default(); self.lengths().len()];
-        for fold in &self.folds {
-            let data = self.fitter.data.without(fold);
-            let found = squares(&Fitter::new(nominal, &data), Some(fold));
+        for (fold, found) in self.folds.iter().zip(taken) {
             let mut places = fold.clone();
             places.sort_unstable();
-            for (run, sum) in places.into_iter().zip(found) {
-                each[run] = sum;
+            for (run, it) in places.into_iter().zip(found) {
+                each[run] = it;
             }
         }
         each
     }
 
-    /// Squared errors on a fold that `rest` holds out.
-    fn fold_squares<T: Squared>(
+    /// A structure without each fold. It is kept, but for so many samples that those of every
+    /// structure would take more memory than all else.
+    fn left_out(&self, candidate: &Candidate, zeros: Zeros) -> Folds {
+        /// Most samples of data whose residuals are kept.
+        const KEPT: usize = 300_000;
+        let mut sessions = self.fitter.data.sessions().iter().enumerate();
+        let in_part = |(index, _)| {
+            let data = self.fitter.data;
+            data.ranges(index, true).len() + data.ranges(index, false).len() > 1
+        };
+        // A session that is held out whole has no zeros from elsewhere.
+        let zeros = if sessions.any(in_part) {
+            zeros
+        } else {
+            Zeros::AsFitted
+        };
+        let key = (Key::of(candidate), zeros);
+        let memo = || self.memo.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = memo().get(&key) {
+            return Arc::clone(known);
+        }
+        let folds = self.data_of_folds().enumerate().map(|(place, data)| {
+            let fold = self.folds.get(place);
+            match fold {
+                Some(fold) => self.without_fold(candidate, &data, fold, zeros),
+                None => validated(&self.of(&data), &candidate.fit.model, zeros),
+            }
+        });
+        let found: Folds = Arc::new(folds.collect());
+        if self.fitter.data.samples() <= KEPT {
+            memo().insert(key, Arc::clone(&found));
+        }
+        found
+    }
+
+    /// A structure without a fold that `rest` holds out.
+    fn without_fold(
         &self,
         candidate: &Candidate,
-        rest: &Fitter<'_>,
+        rest: &Dataset,
         fold: &[usize],
-        squares: &impl Fn(&Fitter<'_>, &Model<f64>) -> Vec<T>,
-    ) -> Vec<T> {
+        zeros: Zeros,
+    ) -> LeftOut {
         // Zeros and initial states hardly change without a few segments.
-        let data = rest.data.guessing(&candidate.fit.nuisances);
-        let rest = &Fitter {
-            data: &data,
-            ..*rest
-        };
+        let data = rest.guessing(&candidate.fit.nuisances);
+        let rest = &self.of(&data);
         // A much worse error suggests that the step left the range of the quadratic
         // approximation.
         let by_step = candidate
             .fit
             .without(fold)
-            .map(|model| squares(rest, &model))
+            .map(|model| validated(rest, &model, zeros))
             .filter(|found| {
                 let fitted: f64 = fold
                     .iter()
@@ -457,7 +483,8 @@ impl<'a> CrossValidator<'a> {
                     .flatten()
                     .map(|residual| residual * residual)
                     .sum();
-                found.iter().map(Squared::sum).sum::<f64>() <= TRUSTED * fitted
+                let left: f64 = squares(&found.validation.residuals).iter().sum();
+                left <= TRUSTED * fitted
             });
         by_step.unwrap_or_else(|| {
             let free = if candidate.fit.free.is_empty() {
@@ -465,18 +492,22 @@ impl<'a> CrossValidator<'a> {
             } else {
                 candidate.fit.free.clone()
             };
-            // The full fit is near, and a thousandth of the error decides nothing: two
-            // steps are enough without one of many folds.
-            let effort = if self.folds.len() < MOST_FOLDS {
-                Effort::Coarse
-            } else {
-                Effort::Steps(2)
-            };
             let refitted =
                 rest.at(candidate.level.as_ref())
-                    .fit(&candidate.fit.model, &free, effort);
-            squares(rest, &refitted.model)
+                    .fit(&candidate.fit.model, &free, REFITTED);
+            validated(rest, &refitted.model, zeros)
         })
+    }
+}
+
+/// A model on what is held out.
+fn validated(fitter: &Fitter<'_>, model: &Model<f64>, zeros: Zeros) -> LeftOut {
+    LeftOut {
+        model: *model,
+        validation: match zeros {
+            Zeros::Anew => fitter.validate(model),
+            Zeros::AsFitted => fitter.validate_near(model),
+        },
     }
 }
 
@@ -536,19 +567,19 @@ fn squares(residuals: &[Vec<f64>]) -> Vec<f64> {
 /// Squared errors of what the board predicts with a model, with zeros and initial states
 /// estimated in `f64`. Where the board cannot step the model or see the pressure, they are
 /// those in `f64`: what is said of the repair does not depend on a board that will not run it.
-fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
+fn board_squares(data: &Dataset, fold: &LeftOut) -> Vec<f64> {
+    let LeftOut { model, validation } = fold;
     let Validation {
         residuals,
         nuisances,
-    } = fitter.validate(model);
-    let data = fitter.data;
+    } = validation;
     let farthest = board::farthest(data.largest_angle());
     let prepared = |stood: Placement| OnBoard::new(&stood.place(model), farthest).ok();
     // Most sessions stand as the one before.
     let mut last: Option<(Placement, Option<OnBoard>)> = None;
-    let mut found = residuals;
+    let mut found = residuals.clone();
     let mut places = found.iter_mut();
-    for (index, (session, nuisance)) in data.sessions().iter().zip(&nuisances).enumerate() {
+    for (index, (session, nuisance)) in data.sessions().iter().zip(nuisances).enumerate() {
         let ranges = data.ranges(index, false);
         let stood = session.placement();
         let (_, board) = match last.take() {
@@ -573,7 +604,7 @@ fn board_squares(fitter: &Fitter<'_>, model: &Model<f64>) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::estimate::dataset::Mark;
-    use crate::estimate::{Dataset, Nuisance, Session};
+    use crate::estimate::{Nuisance, Session};
     use crate::synth::example::{Hidden, make};
     use model_core::predictor::Predictor;
     use softrig_formats::recording::Recording;

@@ -555,6 +555,19 @@ impl Dataset {
         })
     }
 
+    /// Zeros and initial states of every session, as they are expected before any fit.
+    pub fn expected(&self) -> Vec<Nuisance> {
+        let sessions = self.sessions.iter();
+        let of_session = |session: &Arc<Session>| {
+            if session.estimated {
+                session.prior.mean
+            } else {
+                session.guess
+            }
+        };
+        sessions.map(of_session).collect()
+    }
+
     /// The same data, with what is known of base parameters beside it.
     pub fn knowing(self, known: &[KnownRange]) -> Self {
         Self {

@@ -33,6 +33,7 @@ use crate::estimate::smooth::motions;
 use crate::sim::dual::Dual;
 use crate::sim::fixed_power::{Fixed, FixedPower};
 use crate::sim::simulate::{Origin, advance, is_lost, state_at};
+use crate::sim::work::Work;
 use crate::statistics::{mean, rms, robust_deviation};
 
 /// Time and rate scales of the recorded motion, for the initial covariance of the filter.
@@ -152,6 +153,7 @@ pub fn walk<const N: usize>(
     let signal = session.signal();
     let plain: Model<f64> = model.map(|value| value.value());
     let stepping = session.stepping(&plain);
+    Work::count(recording.len(), stepping, true);
     let inertia = plain.dynamics().inertia;
     let origin = Origin {
         pressure_zero,

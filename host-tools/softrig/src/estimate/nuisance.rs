@@ -273,16 +273,24 @@ fn pressure_zero_sd(recording: &Recording) -> Option<f64> {
 /// to the residual in a fit to `samples` samples, and its slope. It must cost more than a
 /// zero can gain where a missing effect moves thousands of samples, so it grows with
 /// their number: one standard deviation beyond weighs as much as three times the noise in
-/// every sample.
+/// every sample. It begins without a kink, on which a descent would not come to rest.
 pub fn wall(departure: f64, samples: usize) -> [f64; 2] {
     /// Weight of one standard deviation beyond, in noise of every sample.
     const STEEP: f64 = 3.0;
     /// Least number of samples that counts.
     const FEWEST: f64 = 100.0;
+    /// Standard deviations over which it gets steep.
+    const ONSET: f64 = 0.1;
     let steep = STEEP * (samples as f64).max(FEWEST).sqrt();
     let beyond = departure.abs() - FARTHEST;
-    if beyond > 0.0 {
-        [steep * beyond * departure.signum(), steep]
+    if beyond > ONSET {
+        [steep * (beyond - 0.5 * ONSET) * departure.signum(), steep]
+    } else if beyond > 0.0 {
+        let share = beyond / ONSET;
+        [
+            0.5 * steep * beyond * share * departure.signum(),
+            steep * share,
+        ]
     } else {
         [0.0, 0.0]
     }

@@ -74,27 +74,27 @@ pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
 /// A subsample of the sessions, to rank initial guesses and candidates before the best
 /// are fitted to everything.
 ///
-/// All sessions are thinned as far as the motion of `model` allows. If that is still too
-/// much, sessions are taken at even distances in the list.
-pub fn subsample(data: &Dataset, model: &Model<f64>) -> Dataset {
-    /// Enough samples to rank.
-    const ENOUGH: usize = 3_000;
-    let enough = samples_of_fitted_sessions(data).div_ceil(ENOUGH).max(1);
-    taken(data, ENOUGH, |session| enough.min(coarsest(session, model)))
+/// All sessions are thinned as far as the motion of `model` allows. If that is still more than
+/// `enough` samples, sessions are taken at even distances in the list.
+pub fn subsample(data: &Dataset, model: &Model<f64>, enough: usize) -> Dataset {
+    let most = samples_of_fitted_sessions(data).div_ceil(enough).max(1);
+    taken(data, enough, |session| most.min(coarsest(session, model)))
 }
 
+/// Samples that are enough to fit single effects: those of a dozen sessions, thinned.
+pub const ENOUGH_TO_FIT: usize = 8_000;
+
+/// Samples that are enough to rank many structures.
+pub const ENOUGH_TO_RANK: usize = 3_000;
+
 /// A part of the data on which very different models can be ranked: thinned as far as the
-/// recorded motion allows, whatever a model makes of it.
-pub fn reduced(data: &Dataset) -> Dataset {
-    /// Enough samples to tell models apart.
-    const ENOUGH: usize = 5_000;
-    let enough = samples_of_fitted_sessions(data).div_ceil(ENOUGH);
-    if enough <= 1 {
+/// recorded motion allows, whatever a model makes of it, to `enough` samples.
+pub fn reduced(data: &Dataset, enough: usize) -> Dataset {
+    let most = samples_of_fitted_sessions(data).div_ceil(enough);
+    if most <= 1 {
         return data.clone();
     }
-    taken(data, ENOUGH, |session| {
-        redundant(session.recording(), enough)
-    })
+    taken(data, enough, |session| redundant(session.recording(), most))
 }
 
 fn samples_of_fitted_sessions(data: &Dataset) -> usize {

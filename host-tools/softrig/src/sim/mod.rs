@@ -7,3 +7,4 @@ pub mod fixed_power;
 pub mod linear;
 pub mod protocol;
 pub mod simulate;
+pub mod work;

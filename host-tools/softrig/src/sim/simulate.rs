@@ -15,6 +15,7 @@ use model_core::power::Power;
 use model_core::real::Real;
 
 use super::fixed_power::{Fixed, FixedPower};
+use super::work::Work;
 use softrig_formats::recording::Recording;
 
 /// An angle (rad) at which a run counts as diverged: no actuator bends this
@@ -162,6 +163,8 @@ pub trait FromF64: Real {
     fn to_f64(self) -> f64;
     /// A function of this number, by its value and its slope there (the chain rule).
     fn chain(self, value: f64, slope: f64) -> Self;
+    /// Whether numbers of this kind carry derivatives.
+    const HAS_DERIVATIVES: bool = false;
 }
 
 impl FromF64 for f64 {
@@ -200,6 +203,7 @@ impl<const N: usize> FromF64 for crate::sim::dual::Dual<N> {
     fn chain(self, value: f64, slope: f64) -> Self {
         Self::chain(self, value, slope)
     }
+    const HAS_DERIVATIVES: bool = true;
 }
 
 /// The pressure around one integration step.
@@ -555,6 +559,7 @@ pub fn run_as_it_is<R: FromF64, P: Power<R>>(
     origin: Origin<R>,
     stepping: Stepping,
 ) -> Trajectory<R> {
+    Work::count(signal.time.len(), stepping, R::HAS_DERIVATIVES);
     let mut state = state_at(model, signal, &origin);
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));

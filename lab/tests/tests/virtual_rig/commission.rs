@@ -56,10 +56,14 @@ fn a_healthy_rig_passes_every_step() {
 
 /// What each fault of the virtual rig is found by; and what only follows from it is left out, to
 /// be quick.
-const FOUND_BY: [(&str, &[&str], &[&str]); 15] = [
+const FOUND_BY: [(&str, &[&str], &[&str]); 19] = [
     ("open-flex", &["noise"], &["noise"]),
     ("detached-flex", &["noise"], &["noise"]),
     ("drifting-pressure", &["noise"], &["noise"]),
+    ("flickering-pressure", &["noise"], &["noise"]),
+    ("reference", &["noise"], &["noise"]),
+    ("ground", &["noise"], &["noise"]),
+    ("mains", &["noise"], &["noise"]),
     ("noise", &["telemetry"], &["telemetry"]),
     ("brown-out", &["telemetry"], &["telemetry"]),
     (

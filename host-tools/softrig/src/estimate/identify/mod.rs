@@ -30,6 +30,10 @@ use softrig_formats::recording::PASCAL_PER_KPA;
 /// Exponents that are tried where it is free: Hooke's law, and what silicones have.
 pub const EXPONENTS: [f64; 4] = [1.0, 1.5, 2.0, 2.5];
 
+/// Samples on which starts are ranked, and on which the best are fitted.
+const ENOUGH_TO_RANK: usize = 1_500;
+const ENOUGH_TO_FIT: usize = 5_000;
+
 /// Steps in which the gain of a start is adjusted before starts are ranked.
 const RANKED: Effort = Effort::Steps(2);
 
@@ -51,6 +55,9 @@ const SAME_START: f64 = 0.3;
 
 /// Exponents nearer than this are one.
 const SAME_EXPONENT: f64 = 0.05;
+
+/// Multiple of the least cost after some steps that may still become the least.
+const NEAR: f64 = 1.1;
 
 /// Relative cost by which a minimum may exceed the least and still be as good.
 const AS_GOOD: f64 = 0.02;
@@ -122,16 +129,24 @@ impl Identifier<'_> {
     }
 
     fn best(self, exponents: &[f64]) -> Option<Identified> {
-        let part = reduced(self.data);
-        let mut minima = self.coarse(&part, exponents);
+        let [thin, part] = [ENOUGH_TO_RANK, ENOUGH_TO_FIT].map(|most| reduced(self.data, most));
+        let mut minima = self.coarse(&thin, &part, exponents);
         distinct(&mut minima, SAME, FINALISTS);
         let fitter = Fitter::new(self.model, self.data);
-        let mut fits: Vec<Fit> = minima
-            .into_par_iter()
-            .map(|start| fitter.fit(&start.model, self.free, Effort::Full))
-            .filter(|fit| fit.cost().is_finite())
-            .collect();
-        fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+        let fitted = |starts: Vec<Fit>, effort: Effort| -> Vec<Fit> {
+            let mut fits: Vec<Fit> = starts
+                .into_par_iter()
+                .map(|start| fitter.fit(&start.model, self.free, effort))
+                .filter(|fit| fit.cost().is_finite())
+                .collect();
+            fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+            fits
+        };
+        // Only what is still near the best after some steps is worth more of them.
+        let mut near = fitted(minima, Effort::Coarse);
+        let most = NEAR * near.first()?.cost();
+        near.retain(|fit| fit.cost() <= most);
+        let mut fits = fitted(near, Effort::Full);
         distinct(&mut fits, SAME, FINALISTS);
         let mut fits = fits.into_iter();
         let fit = fits.next()?;
@@ -155,9 +170,9 @@ impl Identifier<'_> {
         })
     }
 
-    /// Fits on a subsample, the best first.
-    fn coarse(self, part: &Dataset, exponents: &[f64]) -> Vec<Fit> {
-        let fitter = Fitter::new(self.model, part);
+    /// Fits on a subsample, the best first, from starts that are ranked on a thinner one.
+    fn coarse(self, thin: &Dataset, part: &Dataset, exponents: &[f64]) -> Vec<Fit> {
+        let fitter = Fitter::new(self.model, thin);
         let gain: Vec<ParameterId> = self
             .free
             .iter()
@@ -174,6 +189,7 @@ impl Identifier<'_> {
         distinct(&mut ranked, SAME_START, CHOSEN);
         let mut chosen: Vec<Model<f64>> = ranked.into_iter().map(|fit| fit.model).collect();
         chosen.push(*self.model);
+        let fitter = Fitter::new(self.model, part);
         let mut found: Vec<Fit> = chosen
             .par_iter()
             .map(|start| fitter.fit(start, self.free, COARSE))

@@ -38,7 +38,7 @@ pub fn resting_angle(data: &Dataset) -> Option<f64> {
     if !is_far(guess) {
         return None;
     }
-    let part = reduced(data);
+    let part = reduced(data, super::ENOUGH_TO_FIT);
     // With zeros that may not move: they would take a part of it.
     let held = |data: &Dataset| data.calibrated().calibrated();
     let as_it_is = cost(&held(&part), &[])?.0;
@@ -114,7 +114,7 @@ fn cost(part: &Dataset, effects: &[Kind]) -> Option<(f64, f64)> {
         free: &free,
         data: part,
     };
-    let best = identifier.coarse(part, &[]).into_iter().next()?;
+    let best = identifier.coarse(part, part, &[]).into_iter().next()?;
     Some((best.cost(), best.model.value(offset).unwrap_or_default()))
 }
 
