@@ -3,7 +3,7 @@
 //! 1. A coarse fit, on a subsample, of the effects that the [`super::score`] puts first, from where
 //!    it says, and of the neighbours of the best in the catalogue.
 //! 2. If the best may leave only noise, final fits of the best to all data.
-//! 3. If none does, the same with all other effects, from wherever the catalogue says. Then
+//! 3. If none does, the same with all effects, from wherever the catalogue says. Then
 //!    [`super::grade`] takes over.
 
 use model_core::catalogue::Kind;
@@ -18,6 +18,10 @@ use softrig_formats::family::Family;
 
 /// Number of structures with a final fit.
 const FINISHED: usize = 12;
+
+/// Candidates whose squared error in the coarse fit exceeds this multiple of the best get
+/// no final fit, except those shown as rivals.
+const HOPELESS: f64 = 6.0;
 
 /// Effects that are fitted first: the first four of each view of the score. Of 81 drawn cases and
 /// 54 sessions nine of ten had theirs among so many.
@@ -39,7 +43,7 @@ pub struct Singles {
 }
 
 /// Fits the refit with each effect alone: those that the score puts first, and what is easily
-/// taken for the best of them; where that does not settle the matter, all others.
+/// taken for the best of them; where that does not settle the matter, all from everywhere.
 pub fn singles(
     context: &FitContext<'_>,
     floor: &NoiseFloor,
@@ -60,11 +64,9 @@ pub fn singles(
     singles.fit(context, refit, &near, Starts::Scored);
     singles.finish(context, floor);
     if !is_settled(&singles.pool, floor) {
-        let fitted = |kind: &Kind| singles.coarse.iter().any(|it| it.added.contains(kind));
-        let others: Vec<Kind> = kinds.iter().copied().filter(|it| !fitted(it)).collect();
-        let what = format!("coarse fits of {} further effects", others.len());
-        progress.stage(what, others.len());
-        singles.fit(context, refit, &others, Starts::Everywhere);
+        let what = format!("coarse fits of {} effects, one at a time", kinds.len());
+        progress.stage(what, kinds.len());
+        singles.fit(context, refit, kinds, Starts::Everywhere);
         singles.finish(context, floor);
     }
     singles
@@ -86,6 +88,13 @@ impl Singles {
         self.coarse.extend(fitted);
         self.coarse
             .sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
+        // Of two fits of an effect the better one counts.
+        let mut seen: Vec<Vec<Kind>> = Vec::new();
+        self.coarse.retain(|candidate| {
+            let is_new = !seen.contains(&candidate.added);
+            seen.push(candidate.added.clone());
+            is_new
+        });
     }
 
     /// What is a special case of the best, or has it as one, can be imitated by it, or is of its
@@ -116,9 +125,7 @@ impl Singles {
         let Some(best) = self.coarse.first().filter(|best| best.fit.rmse() <= most) else {
             return;
         };
-        // A rival leaves at most so many times its error.
-        let times = Policy::STANDARD.comparable.powi(2);
-        let hopeless = times * times * best.fit.sse();
+        let hopeless = HOPELESS * best.fit.sse();
         let near = self
             .coarse
             .partition_point(|it| it.fit.sse() <= hopeless)
@@ -140,7 +147,9 @@ impl Singles {
                 .inspect(|candidate| progress.fitted(candidate))
                 .collect()
         };
-        // What stays behind after a few steps on everything is none.
+        // A rival leaves at most so many times the error; what leaves much more after a few steps
+        // on everything is none.
+        let times = Policy::STANDARD.comparable.powi(4);
         let nearly = final_fits(planned, Effort::Coarse);
         let least = nearly.iter().chain(&self.pool[1..]).map(|it| it.fit.sse());
         let most = times * least.fold(f64::INFINITY, f64::min);
