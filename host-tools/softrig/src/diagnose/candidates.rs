@@ -492,13 +492,15 @@ pub fn predicted(
     let mut added = base.added.clone();
     added.push(kind);
     let free = free_parameters(file, &added);
-    let guessed = guessed(context, base, kind);
-    if from == Starts::Scored && !guessed.is_empty() {
-        return Ok(Predicted {
-            added,
-            starts: guessed,
-            is_scored: true,
-        });
+    if from == Starts::Scored {
+        let starts = guessed(context, base, kind);
+        if !starts.is_empty() {
+            return Ok(Predicted {
+                added,
+                starts,
+                is_scored: true,
+            });
+        }
     }
     let starts = starts(context, base, kind);
     let best = context
@@ -543,16 +545,10 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Can
     let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &predicted.added);
     let starts = &predicted.starts;
-    let expecting = context
-        .subsample
-        .data
-        .guessing(&context.subsample.data.expected());
+    let part = context.subsample.data;
+    let expecting = predicted.is_scored.then(|| part.guessing(&part.expected()));
     let fitter = Fitter {
-        data: if predicted.is_scored {
-            &expecting
-        } else {
-            context.subsample.data
-        },
+        data: expecting.as_ref().unwrap_or(part),
         ..*context.subsample
     };
     let fit = context
@@ -677,8 +673,7 @@ pub fn starts_from(
 }
 
 /// Initial guesses of `base` with `kind` added: every combination of the catalogue's
-/// values, with the base parameters as fitted without the effect, and what the missing force
-/// suggests.
+/// values, with the base parameters as fitted without the effect, and what the score suggests.
 fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Combinations {
     let values = combinations(kind, |row| context.scales.starts_of(kind, row));
     let fitted = *base.fit.model.dynamics();

@@ -133,10 +133,7 @@ impl Guesses {
         let mut bases = bases.into_iter();
         let mut this = Self::about(fitter, bases.next(), noise, kinds, scales);
         for other in bases {
-            let more = Self::about(fitter, Some(other), noise, kinds, scales);
-            for ((_, guesses), (_, more)) in this.each.iter_mut().zip(more.each) {
-                guesses.extend(more);
-            }
+            this.extend(Self::about(fitter, Some(other), noise, kinds, scales));
         }
         this
     }
@@ -158,10 +155,7 @@ impl Guesses {
                 continue;
             };
             let basis = Basis::of(fitter, &model, &other.nuisances, noise);
-            let more = Self::about(fitter, basis, noise, &kinds, scales);
-            for ((_, guesses), (_, more)) in self.each.iter_mut().zip(more.each) {
-                guesses.extend(more);
-            }
+            self.extend(Self::about(fitter, basis, noise, &kinds, scales));
         }
         self
     }
@@ -192,6 +186,13 @@ impl Guesses {
         };
         Self {
             each: kinds.par_iter().map(of_kind).collect(),
+        }
+    }
+
+    /// Takes more guesses of the same effects.
+    fn extend(&mut self, more: Self) {
+        for ((_, guesses), (_, more)) in self.each.iter_mut().zip(more.each) {
+            guesses.extend(more);
         }
     }
 

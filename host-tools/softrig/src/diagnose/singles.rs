@@ -85,16 +85,23 @@ impl Singles {
             })
             .inspect(|candidate| executor.progress().fitted(candidate))
             .collect();
-        self.coarse.extend(fitted);
+        // Of two fits of an effect the better one counts, and what was made of the other goes.
+        for candidate in fitted {
+            let known = self
+                .coarse
+                .iter_mut()
+                .find(|it| it.added == candidate.added);
+            match known {
+                None => self.coarse.push(candidate),
+                Some(known) if candidate.fit.sse() < known.fit.sse() => {
+                    self.pool.retain(|it| it.added != candidate.added);
+                    *known = candidate;
+                }
+                Some(_) => {}
+            }
+        }
         self.coarse
             .sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
-        // Of two fits of an effect the better one counts.
-        let mut seen: Vec<Vec<Kind>> = Vec::new();
-        self.coarse.retain(|candidate| {
-            let is_new = !seen.contains(&candidate.added);
-            seen.push(candidate.added.clone());
-            is_new
-        });
     }
 
     /// What is a special case of the best, or has it as one, can be imitated by it, or is of its
@@ -130,11 +137,12 @@ impl Singles {
             .coarse
             .partition_point(|it| it.fit.sse() <= hopeless)
             .clamp(RIVALS_SHOWN, FINISHED);
-        let is_finished = |candidate: &&Candidate| {
+        let is_unfinished = |candidate: &&Candidate| {
             let mut pool = self.pool.iter();
             pool.all(|known| known.added != candidate.added)
         };
-        let planned: Vec<&Candidate> = self.coarse.iter().take(near).filter(is_finished).collect();
+        let near = self.coarse.iter().take(near);
+        let planned: Vec<&Candidate> = near.filter(is_unfinished).collect();
         progress.stage("final fits of the best single effects", planned.len());
         let final_fits = |candidates: Vec<&Candidate>, effort: Effort| -> Vec<Candidate> {
             candidates
