@@ -465,9 +465,9 @@ impl Predicted {
 /// Where the fit of a further effect begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Starts {
-    /// Where its score says, if that says anything.
+    /// Where the views say that rank it, if they say anything.
     Scored,
-    /// At the best of all combinations of the catalogue's values, as well.
+    /// At the best of what all views say, and of all combinations of the catalogue's values.
     Everywhere,
 }
 
@@ -493,7 +493,7 @@ pub fn predicted(
     added.push(kind);
     let free = free_parameters(file, &added);
     if from == Starts::Scored {
-        let starts = guessed(context, base, kind);
+        let starts = guessed(context, base, kind, from);
         if !starts.is_empty() {
             return Ok(Predicted {
                 added,
@@ -699,12 +699,18 @@ fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Combination
             Model::new(dynamics, &effects).ok()
         }));
     }
-    starts.as_fitted.extend(guessed(context, base, kind));
+    let guessed = guessed(context, base, kind, Starts::Everywhere);
+    starts.as_fitted.extend(guessed);
     starts
 }
 
 /// What the score suggests.
-fn guessed(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
+fn guessed(
+    context: &FitContext<'_>,
+    base: &Candidate,
+    kind: Kind,
+    from: Starts,
+) -> Vec<Model<f64>> {
     let is_alone = base.added.is_empty();
     let of_guess = |guess: &Guess| {
         let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
@@ -715,8 +721,11 @@ fn guessed(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<
         };
         Model::new(dynamics, &effects).ok()
     };
-    let guesses = context.guesses.of_kind(kind);
-    guesses.iter().filter_map(of_guess).collect()
+    let guesses = context.guesses.of_kind(kind).iter();
+    guesses
+        .filter(|guess| guess.is_ranked() || from == Starts::Everywhere)
+        .filter_map(of_guess)
+        .collect()
 }
 
 /// Every combination of the choices for each parameter of an effect.

@@ -16,7 +16,7 @@
 //! are tried over a grid in the scales of the recordings.
 //!
 //! At the most likely random force the filter takes up whatever is slow: the innovations are
-//! seen in two [`VIEWS`] with less of it. Scores rank and start fits. They are no evidence: what
+//! ranked in two [`VIEWS`] with less of it. Scores rank and start fits. They are no evidence: what
 //! is left of the innovations is far from white.
 
 use model_core::actuator::{Model, ParameterId};
@@ -79,8 +79,9 @@ struct View {
     moving: f64,
 }
 
-/// A thousandth sees what is slow; a few hundredths of it, while the angle moves, friction.
-const VIEWS: [View; 2] = [
+/// A thousandth sees what is slow; a few hundredths of it, while the angle moves, friction. With all
+/// of it the filter follows the motion, so that a size is right however large the effect is.
+const VIEWS: [View; 3] = [
     View {
         share: 1e-3,
         moving: 0.0,
@@ -89,7 +90,14 @@ const VIEWS: [View; 2] = [
         share: 0.03,
         moving: 0.3,
     },
+    View {
+        share: 1.0,
+        moving: 0.0,
+    },
 ];
+
+/// The views that rank, the first of them. The others start fits.
+const RANKING: usize = 2;
 
 /// The guesses of every effect.
 #[derive(Clone, Debug, Default)]
@@ -109,6 +117,13 @@ pub struct Guess {
     /// What it is worth there: twice the logarithm of the likelihood's ratio, less the price of
     /// its sizes.
     gain: f64,
+}
+
+impl Guess {
+    /// Whether it comes from a view that ranks.
+    pub const fn is_ranked(&self) -> bool {
+        self.view < RANKING
+    }
 }
 
 impl Guesses {
@@ -218,7 +233,7 @@ impl Guesses {
             all.sort_by(|a, b| b.0.total_cmp(&a.0));
             all.into_iter().map(|(_, kind)| kind).collect::<Vec<Kind>>()
         };
-        let views: Vec<Vec<Kind>> = (0..VIEWS.len()).map(in_view).collect();
+        let views: Vec<Vec<Kind>> = (0..RANKING).map(in_view).collect();
         let longest = views.iter().map(Vec::len).max().unwrap_or(0);
         let mut ranked: Vec<Kind> = Vec::new();
         for place in 0..longest {
