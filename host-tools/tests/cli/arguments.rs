@@ -72,7 +72,7 @@ fn faults_of_arguments_exit_with_2() {
 }
 
 /// The subcommands that a help text lists.
-fn subcommands(help: &str) -> Vec<String> {
+pub fn subcommands(help: &str) -> Vec<String> {
     help.lines()
         .skip_while(|line| *line != "Commands:")
         .skip(1)

@@ -2,6 +2,7 @@
 
 use predicates::str::{contains, is_empty, is_match};
 
+use super::arguments::subcommands;
 use super::common::{Bench, HEADER, clean_recording, compressed, stdout};
 use super::hostile::harmless;
 use super::simulate::printed_error;
@@ -458,16 +459,8 @@ fn every_command_that_reads_recordings_does_as_the_folder_or_the_model_says() {
     };
     let bench = with(false, false);
     // The list has each command that has the flag, as far as this build has it.
-    let help = bench.prints("--help");
-    let commands = help
-        .lines()
-        .skip_while(|line| *line != "Commands:")
-        .skip(1)
-        .take_while(|line| line.starts_with("  "))
-        .filter(|line| !line.starts_with("   "))
-        .filter_map(|line| line.split_whitespace().next());
-    let reads: Vec<&str> = commands
-        .filter(|name| *name != "help")
+    let reads: Vec<String> = subcommands(&bench.prints("--help"))
+        .into_iter()
         .filter(|name| {
             bench
                 .prints(&format!("{name} --help"))
@@ -478,9 +471,9 @@ fn every_command_that_reads_recordings_does_as_the_folder_or_the_model_says() {
     let of = |line: &str| line.split(' ').next().unwrap().to_owned();
     let listed: Vec<String> = READ_THE_LAB.iter().map(|line| of(line)).collect();
     for name in &reads {
-        assert!(listed.contains(&(*name).to_owned()), "no line for {name}");
+        assert!(listed.contains(name), "no line for {name}");
     }
-    for line in READ_THE_LAB.iter().filter(|it| reads.contains(&&*of(it))) {
+    for line in READ_THE_LAB.iter().filter(|it| reads.contains(&of(it))) {
         // An import guesses, and these two have no model.
         let has_model = line.contains("m.toml") || line.contains("--batch");
         if !line.starts_with("import") {

@@ -921,3 +921,96 @@ fn choices(kind: Kind, row: &Parameter, scales: &Scales) -> Vec<f64> {
     choices.dedup_by(|a, b| (*a - *b).abs() <= 0.2 * b.abs());
     choices
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::diagnose::candidates::applicable;
+    use crate::synth::example::{Hidden, make};
+    use softrig_formats::model_file::ModelFile;
+    use softrig_formats::recording::Recording;
+
+    const NOISE_DEG: f64 = 0.3;
+
+    fn example(hidden: Hidden) -> (ModelFile, Dataset) {
+        let example = make(hidden, NOISE_DEG, 7).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let recordings: Vec<Recording> = example.recordings.into_iter().map(|it| it.1).collect();
+        (file, Dataset::of(&recordings))
+    }
+
+    /// What the recursion says is what the filter of a model with a little of the effect does, in the
+    /// views that rank: with all of the random force little is left of it beside the noise.
+    #[test]
+    fn a_response_is_the_change_of_the_innovations() {
+        let (file, data) = example(Hidden::Nothing);
+        let fitter = Fitter::new(&file.model, &data);
+        let noise = NOISE_DEG.to_radians();
+        let scales = Scales::of(&fitter, &fitter.compare(&file.model));
+        let basis = Basis::of(&fitter, &file.model, &data.expected(), noise).unwrap();
+        let tracks = Tracks::of(&fitter, &basis, noise, &scales).unwrap();
+        let track = &tracks.sessions[0];
+        let stiffness = 0.02 * file.model.dynamics().stiffness;
+        for (kind, values) in [
+            (Kind::CubicStiffness, vec![stiffness]),
+            (Kind::MaxwellBranch, vec![stiffness, 1.0, 0.0]),
+            (Kind::PneumaticLag, vec![0.004]),
+            (Kind::SensorNonlinearity, vec![0.01]),
+        ] {
+            let effect = kind.build(&values).unwrap();
+            let with: Model<f64> = Model::new(*file.model.dynamics(), &[effect]).unwrap();
+            let added = track.added(&tracks.base, &effect);
+            for (view, links) in track.views.iter().enumerate().take(RANKING) {
+                let level = Level {
+                    intensity: VIEWS[view].share * basis.level.intensity,
+                    ..basis.level
+                };
+                let dual: Model<Dual<2>> = with.map(Dual::constant);
+                let (session, nuisance) = (&data.sessions()[0], &basis.nuisances[0]);
+                let zero = Dual::constant(nuisance.pressure_zero);
+                let mut errors = Vec::new();
+                filter::walk(&dual, session, nuisance, zero, &level, 0, |step| {
+                    errors.push(step.innovation.error.value());
+                })
+                .unwrap();
+                let changes: Vec<f64> = errors
+                    .iter()
+                    .zip(links)
+                    .map(|(error, link)| link.weight * error - link.innovation)
+                    .collect();
+                let response = track.response(&added, view);
+                let sizes = product(&changes, &changes) * product(&response, &response);
+                let alike = product(&changes, &response) / sizes.sqrt();
+                assert!(alike > 0.95, "{kind:?} in view {view}: {alike}");
+            }
+        }
+    }
+
+    /// From the model as supplied, without any fit by simulation.
+    #[test]
+    fn what_is_hidden_is_fitted_first() {
+        for kind in [
+            Kind::CoulombFriction,
+            Kind::QuadraticDamping,
+            Kind::MaxwellBranch,
+            Kind::BoucWenHysteresis,
+            Kind::Gravity,
+            Kind::CubicStiffness,
+            Kind::PneumaticLag,
+            Kind::Leak,
+        ] {
+            let (file, data) = example(Hidden::Effect(kind));
+            let fitter = Fitter::new(&file.model, &data);
+            let supplied = fitter.compare(&file.model);
+            let scales = Scales::of(&fitter, &supplied);
+            let (kinds, _) = applicable(&file.model, &[], &fitter);
+            let noise = NOISE_DEG.to_radians();
+            let guesses = Guesses::of(&fitter, [&supplied, &supplied], noise, &kinds, &scales);
+            let ranked = guesses.ranked();
+            let place = ranked.iter().position(|it| *it == kind);
+            assert!(place.is_some_and(|place| place < 8), "{kind:?}: {ranked:?}");
+        }
+    }
+}
