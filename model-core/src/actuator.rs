@@ -814,6 +814,15 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             })
     }
 
+    /// The relaxation (1/s) for each rad/s that hidden states have, which wind up with the motion,
+    /// and what all of them add to the fastest rate together; none without one.
+    pub fn winding(&self, angle: R) -> Option<[R; 2]> {
+        self.occupied()
+            .filter_map(|effect| effect.winds(angle))
+            .map(|[rate, relaxation]| [relaxation / rate, relaxation])
+            .reduce(|[a, all], [b, more]| [a + b, all + more])
+    }
+
     /// Whether any hidden state is integrated with the motion.
     pub(crate) fn integrates(&self) -> bool {
         self.integrates

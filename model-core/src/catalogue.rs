@@ -473,6 +473,10 @@ impl<R: Real, T: Mechanism<R>> Mechanism<R> for Effect<R, T> {
         each!(self, effect => Mechanism::<R>::swings_beside(effect))
     }
 
+    fn winds(&self, angle: R) -> Option<[R; 2]> {
+        each!(self, effect => effect.winds(angle))
+    }
+
     fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
         each!(self, effect => effect.fastest_rate(dynamics, angle))
     }

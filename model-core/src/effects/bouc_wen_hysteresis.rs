@@ -115,16 +115,21 @@ impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
         self.force * w
     }
 
-    fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
+    fn winds(&self, angle: R) -> Option<[R; 2]> {
         // The rate is not known here; as for quadratic damping, a swing through
         // the whole range bounds it well enough for a step length.
         let swing = (angle + R::one()) * R::half();
+        let relaxation = swing * (R::half() + self.shape.abs()) / self.yield_angle;
+        Some([swing, relaxation])
+    }
+
+    fn fastest_rate(&self, dynamics: &Dynamics<R>, angle: R) -> Rates<R> {
         // Unloading from the end of the loop is the steepest: 1/(½ + B) times
         // the slope at w = 0. Where no end bounds the loop, eight times.
         let steepest = (R::one() / self.end()).max(R::one());
         Rates {
             stiffness: self.force * steepest / (self.yield_angle * dynamics.inertia),
-            relaxation: swing * (R::half() + self.shape.abs()) / self.yield_angle,
+            relaxation: self.winds(angle).map_or(R::zero(), |[_, it]| it),
         }
     }
 }

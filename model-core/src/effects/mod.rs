@@ -181,6 +181,11 @@ pub trait Mechanism<R: Real> {
     fn swings_beside(&self) -> bool {
         false
     }
+    /// The rate (rad/s) on which [`Mechanism::fastest_rate`] counts where its relaxation is in
+    /// proportion to the rate, and that relaxation (1/s): at rest there is none of it.
+    fn winds(&self, _angle: R) -> Option<[R; 2]> {
+        None
+    }
     /// How much the effect adds to the fastest rate of the equations, for
     /// angles up to `angle` (rad).
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {

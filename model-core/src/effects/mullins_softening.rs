@@ -75,6 +75,23 @@ impl<R: Real> Mechanism<R> for MullinsSoftening<R> {
         dynamics.stiffness = dynamics.stiffness * (R::one() - lost);
     }
 
+    #[cfg(feature = "desktop")]
+    fn enlarge(&self, angle: R, dynamics: &mut Dynamics<R>) {
+        // The slope n K aⁿ⁻¹ grows with the angle a, what is left of K falls: in each part of the
+        // range their product is at most the slope at its end times what is left at its beginning.
+        const PARTS: i16 = 8;
+        let steepness = (dynamics.exponent - R::one()).max(R::zero());
+        let share = |part: i16| R::from_i16(part) / R::from_i16(PARTS);
+        if steepness == R::zero() {
+            return;
+        }
+        let most = (0..PARTS).fold(R::zero(), |most, part| {
+            let lost = self.loss * (R::one() - (-(angle.abs() * share(part)) / self.angle).exp());
+            most.max(share(part + 1).power_of_positive(steepness) * (R::one() - lost))
+        });
+        dynamics.stiffness = dynamics.stiffness * most;
+    }
+
     fn has_memory(&self) -> bool {
         true
     }
@@ -155,6 +172,40 @@ mod tests {
         let end = run(&model, start, &Held(0.0), period, 4_000);
         assert!((end.angle + amplitude).abs() < 1e-10, "{}", end.angle);
         assert!((end.hidden[0][0] - amplitude).abs() < 1e-10);
+    }
+
+    /// What steps have to resolve is no less than the slope of the spring anywhere, and where nearly
+    /// everything is lost far less than without the loss.
+    #[cfg(feature = "desktop")]
+    #[test]
+    fn the_fastest_swing_is_bounded_by_what_is_left() {
+        use crate::actuator::Model;
+        use crate::dynamics::Dynamics;
+        let (inertia, stiffness, farthest) = (0.4, 3.0, 1.6);
+        for (exponent, loss, scale, most) in [
+            (2.4, 0.99, 0.04, 0.1),
+            (1.3, 0.5, 0.5, 1.0),
+            (1.0, 0.9, 0.1, 1.0),
+        ] {
+            let dynamics = Dynamics {
+                inertia,
+                damping: 0.1,
+                stiffness,
+                exponent,
+                input_gain: 1e-4,
+            };
+            let effect = Kind::MullinsSoftening.build(&[loss, scale]).unwrap();
+            let model: Model<f64> = Model::new(dynamics, &[effect]).unwrap();
+            let bound = inertia * model.fastest_swing(farthest);
+            let slope = |angle: f64| stiffness * exponent * f64::powf(angle, exponent - 1.0);
+            let left = |angle: f64| 1.0 - loss * (1.0 - f64::exp(-angle / scale));
+            let steepest = (1..=1_000)
+                .map(|k| farthest * f64::from(k) / 1e3)
+                .map(|angle| slope(angle) * left(angle))
+                .fold(0.0, f64::max);
+            assert!(bound >= steepest, "{bound} {steepest}");
+            assert!(bound <= most * slope(farthest) * (1.0 + 1e-12), "{bound}");
+        }
     }
 
     #[test]

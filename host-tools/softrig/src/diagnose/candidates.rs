@@ -17,7 +17,7 @@ use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
 use crate::estimate::identify::HARDLY_VISIBLE;
 use crate::estimate::smooth::motions;
-use softrig_formats::model_file::{ModelFile, parameter_name};
+use softrig_formats::model_file::{ModelFile, parameter_name, parameters};
 
 /// A structure (the effects added) with its fit.
 #[derive(Clone, Debug)]
@@ -722,10 +722,27 @@ fn guessed(
         Model::new(dynamics, &effects).ok()
     };
     let guesses = context.guesses.of_kind(kind).iter();
-    guesses
+    let mut starts: Vec<Model<f64>> = Vec::new();
+    for start in guesses
         .filter(|guess| guess.is_ranked() || from == Starts::Everywhere)
         .filter_map(of_guess)
-        .collect()
+    {
+        if !starts.iter().any(|known| is_alike(known, &start)) {
+            starts.push(start);
+        }
+    }
+    starts
+}
+
+/// Whether fits from two starts of one structure end in one minimum: no parameter differs by more
+/// than a fit moves it in a step.
+fn is_alike(a: &Model<f64>, b: &Model<f64>) -> bool {
+    /// Largest difference, as a share of the larger.
+    const ALIKE: f64 = 0.2;
+    parameters(a).into_iter().all(|(id, _)| {
+        let [a, b] = [a, b].map(|model| model.value(id).unwrap_or(0.0));
+        (a - b).abs() <= ALIKE * a.abs().max(b.abs())
+    })
 }
 
 /// Every combination of the choices for each parameter of an effect.

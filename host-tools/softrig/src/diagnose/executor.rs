@@ -110,7 +110,12 @@ impl<'a> Executor<'a> {
         const COARSE: Effort = Effort::Steps(4);
         if starts.len() > 1 && effort.is_long() {
             let nearest = self.best_of(fitter, starts, free, COARSE)?;
-            return self.best_of(fitter, &[nearest.model], free, effort);
+            let data = fitter.data.guessing(&nearest.nuisances);
+            let fitter = Fitter {
+                data: &data,
+                ..*fitter
+            };
+            return self.fit(&fitter, &nearest.model, free, effort);
         }
         starts
             .par_iter()

@@ -30,6 +30,7 @@ use super::candidates::{Scales, combinations};
 use super::smoother::Smoother;
 use crate::estimate::filter::{self, Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::identify::statics::signed_power;
 use crate::estimate::nuisance::Nuisance;
 use crate::estimate::placement::Placement;
 use crate::estimate::{Dataset, Session};
@@ -334,6 +335,8 @@ struct Sample {
     rate: f64,
     acceleration: f64,
     pressure: f64,
+    /// sign(θ)|θ|ⁿ of the base.
+    spring: f64,
 }
 
 /// What a filter does at a sample.
@@ -448,7 +451,6 @@ impl Tracks {
     }
 
     fn terms_of(&self, view: usize) -> Option<Terms> {
-        let exponent = self.base.exponent;
         let column = |of: &dyn Fn(&Sample) -> [f64; 2]| -> Vec<f64> {
             let each = |track: &Track| {
                 let [force, reading] = [0, 1].map(|which| {
@@ -464,7 +466,7 @@ impl Tracks {
         };
         let columns = vec![
             column(&|it| [it.rate, 0.0]),
-            column(&|it| [libm::pow(it.angle.abs(), exponent).copysign(it.angle), 0.0]),
+            column(&|it| [it.spring, 0.0]),
             column(&|it| [-it.pressure, 0.0]),
             column(&|_| [1.0, 0.0]),
             column(&|_| [0.0, 1.0]),
@@ -740,6 +742,7 @@ impl Track {
         let recording = session.corrected(nuisance);
         let intensity = likeliest.intensity * smoother.noise;
         let found = smoother.smooth(session, nuisance, intensity);
+        let exponent = smoother.model.dynamics().exponent;
         let mut samples: Vec<Sample> = (0..recording.len())
             .map(|k| Sample {
                 time: recording.time[k],
@@ -747,6 +750,7 @@ impl Track {
                 rate: found.rate[k],
                 acceleration: 0.0,
                 pressure: recording.pressure[k],
+                spring: signed_power(found.angle[k], exponent),
             })
             .collect();
         if samples
@@ -852,7 +856,8 @@ fn added(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Adde
             delayed += 1;
         }
         let entering = session[delayed].pressure;
-        let force = |hidden: &[f64; 2], rates: &mut [f64; 2]| {
+        // The instant, the force and the reading, and the rates of the hidden states.
+        let acting = |hidden: &[f64; 2], rates: &mut [f64; 2]| {
             let behind = effect.input(entering, hidden, rates);
             let at = Instant {
                 time: sample.time,
@@ -860,26 +865,30 @@ fn added(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Adde
                 rate: sample.rate,
                 pressure: behind,
             };
-            let mut changed = *base;
-            effect.modulate(&at, hidden, &mut changed);
-            let added = effect.force(&at, hidden, rates);
+            let force = effect.force(&at, hidden, rates);
             effect.respond(sample.acceleration, hidden, rates);
             let reading = effect.sensor(sample.angle, sample.time, hidden, rates);
-            let force = added + resistance(&changed, &at) - resistance(base, &at)
-                + base.input_gain * (sample.pressure - behind)
-                + (base.input_gain - changed.input_gain) * behind;
-            [force, reading - sample.angle]
+            (at, force, reading)
         };
-        let [by_force, by_reading] = force(&hidden, &mut [0.0; 2]);
-        found.force.push(by_force);
-        found.reading.push(by_reading);
+        let (at, force, reading) = acting(&hidden, &mut [0.0; 2]);
+        let modulated = if effect.modulates() {
+            let mut changed = *base;
+            effect.modulate(&at, &hidden, &mut changed);
+            resistance(&changed, sample, base.exponent) - resistance(base, sample, base.exponent)
+                + (base.input_gain - changed.input_gain) * at.pressure
+        } else {
+            0.0
+        };
+        let undriven = base.input_gain * (sample.pressure - at.pressure);
+        found.force.push(force + modulated + undriven);
+        found.reading.push(reading - sample.angle);
         if let Some(next) = session.get(k + 1)
             && effect.integrates()
         {
             let step = (next.time - sample.time) / f64::from(STEPS);
             for _ in 0..STEPS {
                 let mut rates = [0.0; 2];
-                force(&hidden, &mut rates);
+                acting(&hidden, &mut rates);
                 for (state, rate) in hidden.iter_mut().zip(rates) {
                     *state += step * rate;
                 }
@@ -892,10 +901,15 @@ fn added(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Adde
     found
 }
 
-/// C ω + K sign(θ)|θ|ⁿ.
-fn resistance(dynamics: &Dynamics<f64>, at: &Instant<f64>) -> f64 {
-    let spring = libm::pow(at.angle.abs(), dynamics.exponent).copysign(at.angle);
-    dynamics.damping * at.rate + dynamics.stiffness * spring
+/// C ω + K sign(θ)|θ|ⁿ, with the power where the exponent is not that of the base.
+#[expect(clippy::float_cmp, reason = "most effects leave the exponent as it is")]
+fn resistance(dynamics: &Dynamics<f64>, sample: &Sample, exponent: f64) -> f64 {
+    let spring = if dynamics.exponent == exponent {
+        sample.spring
+    } else {
+        signed_power(sample.angle, dynamics.exponent)
+    };
+    dynamics.damping * sample.rate + dynamics.stiffness * spring
 }
 
 /// Values of a parameter over the scales of the recordings. Forces have any size.

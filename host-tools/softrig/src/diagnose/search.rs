@@ -16,7 +16,7 @@ use super::grade::{Graded, grade};
 use super::measure::MeasuredStructure;
 use super::score::Guesses;
 use super::selection::{Fitted, Rows, Selection};
-use super::singles::{Singles, is_settled, singles};
+use super::singles::{Singles, is_settled, most_of_rivals, singles};
 use super::validation::CrossValidator;
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
@@ -124,6 +124,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
         // The search ended early: the nearest single effect is what there is.
         pool.extend(coarse.first().map(|nearest| finished(&context, nearest)));
     }
+    validator.refitting_up_to(most_of_rivals(pool[1..].iter(), &baseline.floor));
     let in_pool = rows(&validator, &pool);
     if let Some(Grading {
         graded,

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, Starts, coarse_fit, final_fit, predicted};
+use super::measure::excess;
 use super::noise::{NoiseFloor, adequate};
 use super::policy::{Policy, Search};
 use crate::estimate::fit::Effort;
@@ -155,14 +156,10 @@ impl Singles {
                 .inspect(|candidate| progress.fitted(candidate))
                 .collect()
         };
-        // A rival leaves at most so many times the error; what leaves much more after a few steps
-        // on everything is none.
-        let times = Policy::STANDARD.comparable.powi(4);
         let nearly = final_fits(planned, Effort::Coarse);
-        let least = nearly.iter().chain(&self.pool[1..]).map(|it| it.fit.sse());
-        let most = times * least.fold(f64::INFINITY, f64::min);
+        let most = most_of_rivals(nearly.iter().chain(&self.pool[1..]), floor);
         let (near, far): (Vec<Candidate>, Vec<Candidate>) =
-            nearly.into_iter().partition(|it| it.fit.sse() <= most);
+            nearly.into_iter().partition(|it| it.fit.rmse() <= most);
         let informed = |far: Candidate| Candidate {
             fit: context.fitter.informed(&far.fit),
             ..far
@@ -171,6 +168,19 @@ impl Singles {
         finished.extend(far.into_iter().map(informed));
         self.pool.extend(finished);
     }
+}
+
+/// The RMS error (rad) up to which a structure may still be a rival of the best of `fitted`: a
+/// rival leaves at most [`Policy::comparable`] times its error beyond the noise, and what leaves
+/// more than twice that factor after a few steps on everything will not be one.
+pub fn most_of_rivals<'a>(fitted: impl Iterator<Item = &'a Candidate>, floor: &NoiseFloor) -> f64 {
+    let policy = &Policy::STANDARD;
+    let noise = floor.total();
+    let least = fitted.map(|it| it.fit.rmse()).fold(f64::INFINITY, f64::min);
+    libm::hypot(
+        noise,
+        policy.comparable.powi(2) * excess(least, noise, policy),
+    )
 }
 
 /// Whether a structure of the pool leaves nothing for another effect to explain.

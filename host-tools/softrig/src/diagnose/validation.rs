@@ -203,6 +203,8 @@ pub struct CrossValidator<'a> {
     floor: f64,
     /// Whether every held-out segment repeats a fitted one.
     only_repeats: bool,
+    /// RMS error (rad) of a fit up to which it is worth another without each fold.
+    refitted_up_to: f64,
     /// What was found before: several steps need the same.
     memo: Mutex<BTreeMap<(Key, Zeros), Folds>>,
 }
@@ -247,6 +249,7 @@ impl<'a> CrossValidator<'a> {
             folds,
             floor: libm::hypot(floor.rms, input),
             only_repeats,
+            refitted_up_to: f64::INFINITY,
             memo: Mutex::default(),
         }
     }
@@ -264,6 +267,13 @@ impl<'a> CrossValidator<'a> {
     /// Raises the floor (rad) to one that includes the rig's repeatability.
     pub fn raise_floor(&mut self, rms: f64) {
         self.floor = self.floor.max(rms);
+    }
+
+    /// Spares the refits without a fold of structures that leave more than `most` (rad) where
+    /// they are fitted: they are no rivals, and where one step is not to be trusted they are taken
+    /// as fitted to everything, which flatters them.
+    pub fn refitting_up_to(&mut self, most: f64) {
+        self.refitted_up_to = most;
     }
 
     /// RMS error (rad) of a fitted structure on held-out runs.
@@ -487,6 +497,9 @@ impl<'a> CrossValidator<'a> {
                 left <= TRUSTED * fitted
             });
         by_step.unwrap_or_else(|| {
+            if !candidate.added.is_empty() && candidate.fit.rmse() > self.refitted_up_to {
+                return validated(rest, &candidate.fit.model, zeros);
+            }
             let free = if candidate.fit.free.is_empty() {
                 free_parameters(self.file, &candidate.added)
             } else {
@@ -494,8 +507,8 @@ impl<'a> CrossValidator<'a> {
             };
             let refitted =
                 rest.at(candidate.level.as_ref())
-                    .fit(&candidate.fit.model, &free, REFITTED);
-            validated(rest, &refitted.model, zeros)
+                    .parameters(&candidate.fit.model, &free, REFITTED);
+            validated(rest, &refitted, zeros)
         })
     }
 }

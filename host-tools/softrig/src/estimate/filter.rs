@@ -153,7 +153,7 @@ pub fn walk<const N: usize>(
     let signal = session.signal();
     let plain: Model<f64> = model.map(|value| value.value());
     let stepping = session.stepping(&plain);
-    Work::count(recording.len(), stepping, true);
+    Work::count(recording.len() * stepping.evaluations(), true);
     let inertia = plain.dynamics().inertia;
     let origin = Origin {
         pressure_zero,

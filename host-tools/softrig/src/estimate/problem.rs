@@ -212,6 +212,15 @@ impl<'a> Problem<'a> {
         self
     }
 
+    /// The same problem at the free parameters of another model.
+    pub fn at_parameters_of(mut self, model: &Model<f64>) -> Self {
+        let each = self.free.iter().zip(&self.transforms);
+        for ((&id, transform), position) in each.zip(self.position.iter_mut()) {
+            *position = transform.position(model.value(id).unwrap_or(0.0));
+        }
+        self
+    }
+
     /// The same problem at a final position of the solver.
     pub fn at(mut self, position: &[f64]) -> Self {
         self.position.copy_from_slice(position);
@@ -318,7 +327,8 @@ impl<'a> Problem<'a> {
         self.position.len()
     }
 
-    fn model(&self) -> Model<f64> {
+    /// The model at this position.
+    pub fn model(&self) -> Model<f64> {
         let mut model = self.model;
         for ((&id, transform), &u) in self.free.iter().zip(&self.transforms).zip(&self.position) {
             model = model.with_value(id, transform.to_value(u));

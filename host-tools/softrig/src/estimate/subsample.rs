@@ -7,7 +7,7 @@ use model_core::actuator::Model;
 use super::dataset::{Dataset, Mark, Session};
 use super::nuisance::Nuisance;
 use crate::estimate::smooth::{half_window, motion};
-use crate::sim::simulate::{InitialState, substeps};
+use crate::sim::simulate::{Grain, InitialState, Stepping};
 use crate::statistics::{noise, squares_about_mean};
 use softrig_formats::recording::{Meta, Recording};
 
@@ -81,6 +81,14 @@ pub fn subsample(data: &Dataset, model: &Model<f64>, enough: usize) -> Dataset {
     taken(data, enough, |session| most.min(coarsest(session, model)))
 }
 
+/// All sessions with a fit, each thinned as far as the motion of `model` allows; none where that
+/// leaves more than half of the samples. What it says of the parameters is what all samples say
+/// but for their noise, in a part of the time.
+pub fn thinned(data: &Dataset, model: &Model<f64>) -> Option<Dataset> {
+    let thin = taken(data, usize::MAX, |session| coarsest(session, model));
+    (2 * thin.samples() <= data.samples()).then_some(thin)
+}
+
 /// Samples that are enough to fit single effects: those of a dozen sessions, thinned.
 pub const ENOUGH_TO_FIT: usize = 8_000;
 
@@ -136,7 +144,7 @@ fn taken(data: &Dataset, most: usize, thinning: impl Fn(&Session) -> usize) -> D
             break;
         }
         let fitted = data.fitted_ranges(index);
-        for range in shown(session, &fitted, room * thin) {
+        for range in shown(session, &fitted, room.saturating_mul(thin)) {
             if let Some((part, marks)) = part(session, &fitted, range, thin) {
                 room = room.saturating_sub(part.recording().len());
                 parts.push((index, part, marks));
@@ -244,17 +252,22 @@ fn redundant(recording: &Recording, most: usize) -> usize {
         .unwrap_or(1)
 }
 
-/// The largest stride that still shows the motion: one integration step spans it, and
-/// the edges of the pressure are kept.
+/// The largest stride that still shows the motion: one integration step spans it, as coarse as
+/// those of a ranking, and the edges of the pressure are kept. What an effect makes faster (a
+/// friction's sign, a loop that reverses) is a matter of the steps between two samples.
 fn coarsest(session: &Session, model: &Model<f64>) -> usize {
     /// Longest interval (s) that keeps edges of the pressure.
     const EDGE_S: f64 = 0.05;
     /// Largest stride: enough for a recording at 10 kHz.
     const MOST: u16 = 500;
+    /// Evaluations of one Runge–Kutta step.
+    const ONE_STEP: usize = 4;
     (1..=MOST)
         .take_while(|&thin| {
             let interval = f64::from(thin) * session.interval();
-            interval <= EDGE_S && substeps(model, interval, session.largest_angle()) == 1
+            let stepping =
+                Stepping::of_motion(model, interval, session.largest_angle(), Grain::Coarse);
+            interval <= EDGE_S && stepping.evaluations() <= ONE_STEP
         })
         .last()
         .map_or(1, usize::from)

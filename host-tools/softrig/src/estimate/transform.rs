@@ -9,6 +9,7 @@
 //! ([`Limits`]), never from the numbers of the model file.
 
 use model_core::actuator::{Model, ParameterId};
+use model_core::effects::Unit;
 
 use super::Dataset;
 use softrig_formats::model_file::KnownRange;
@@ -73,6 +74,8 @@ pub enum ParameterTransform {
 pub struct Limits {
     /// Shortest interval between samples (s).
     interval: f64,
+    /// Interval between the samples that are compared (s), the longest.
+    compared: f64,
     /// Longest session (s).
     duration: f64,
     /// Largest angle (rad).
@@ -89,6 +92,12 @@ pub(super) const FASTEST_INERTIA: f64 = 10.0;
 /// The same of the spring's time constant C/K.
 const FASTEST_SPRING: f64 = 5.0;
 
+/// Intervals between compared samples that a time constant of an effect has at least.
+const SHORTEST_LAG: f64 = 0.25;
+
+/// Part of the largest angle that a rate crosses in the longest session at least: slower is rest.
+const SLOWEST_RATE: f64 = 0.1;
+
 /// Largest gain, in multiples of the one that balances the stiffest spring.
 const LARGEST_GAIN: f64 = 10.0;
 
@@ -104,6 +113,9 @@ impl Limits {
             interval: sessions()
                 .map(|session| session.sampled_every())
                 .fold(f64::INFINITY, f64::min),
+            compared: sessions()
+                .map(|session| session.interval())
+                .fold(0.0, f64::max),
             duration: sessions()
                 .map(|session| session.recording().duration())
                 .fold(0.0, f64::max),
@@ -138,6 +150,23 @@ impl Limits {
             ParameterId::Damping => (inertia * slow, damping),
             ParameterId::Stiffness => (stiffness, stiffest),
             _ => (gain(stiffness), LARGEST_GAIN * gain(stiffest)),
+        }
+    }
+
+    /// Bounds of a parameter of an effect. A time constant far below the interval between samples
+    /// does not show, nor does what a friction does at rates that are rest; both only make a
+    /// simulation long.
+    fn bounds(&self, model: &Model<f64>, id: ParameterId) -> (f64, f64) {
+        let (lower, upper) = bounds(model, id);
+        let least = match model.row(id).map(|row| row.unit) {
+            Some(Unit::Second) => SHORTEST_LAG * self.compared,
+            Some(Unit::RadianPerSecond) => SLOWEST_RATE * self.angle / self.duration,
+            _ => return (lower, upper),
+        };
+        if lower > 0.0 && least.is_finite() {
+            (lower.max(least).min(upper), upper)
+        } else {
+            (lower, upper)
         }
     }
 
@@ -180,7 +209,7 @@ impl ParameterTransform {
         };
         let (lower, upper) = match id {
             ParameterId::Inertia => (value / INERTIA_RANGE, value * INERTIA_RANGE),
-            _ => bounds(model, id),
+            _ => limits.bounds(model, id),
         };
         match (lower.is_finite(), upper.is_finite()) {
             (true, true) if lower > 0.0 && upper / lower > 50.0 => {

@@ -264,6 +264,25 @@ pub struct Stepping {
     pub substeps: usize,
     /// Where fewer do.
     pub friction: Option<Friction>,
+    /// How many fewer do where the motion is slow.
+    pub winding: Option<Winding>,
+}
+
+/// A hysteresis relaxes as fast as it is wound, so that its steps follow the rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Winding {
+    /// Integration steps in a usual interval at rest.
+    still: usize,
+    /// Steps that its relaxation needs for each rad/s.
+    per_rate: f64,
+}
+
+impl Winding {
+    /// Steps in a usual interval that begins at a rate (rad/s), which half as much again does not
+    /// make wrong.
+    fn steps(self, rate: f64) -> usize {
+        self.still.max(count(1.5 * self.per_rate * rate.abs()))
+    }
 }
 
 /// The steep slope of a friction's smoothed sign has to be resolved only where the motion
@@ -302,12 +321,18 @@ impl Grain {
 }
 
 impl Stepping {
+    /// Most evaluations of the model in a usual interval.
+    pub const fn evaluations(self) -> usize {
+        self.substeps * evaluations_of(self.scheme)
+    }
+
     /// A fixed number of Runge–Kutta steps in every interval.
     pub const fn runge_kutta(substeps: usize) -> Self {
         Self {
             scheme: Scheme::Rk4,
             substeps,
             friction: None,
+            winding: None,
         }
     }
 
@@ -321,44 +346,78 @@ impl Stepping {
         angle: f64,
         grain: Grain,
     ) -> Self {
-        let damping = (model.dynamics().damping / model.dynamics().inertia).to_f64();
-        let about = |decay: f64, [stiffness, relaxation]: [f64; 2]| {
-            let others = (relaxation - decay).max(0.0);
-            count((stiffness / decay * interval / SLOW).max(2.0 * others * interval))
-        };
-        let exponential = |rates| about(damping, rates);
+        let damping = damping_rate(model);
         let rates = upper(model.fastest_rate(R::from_f64(angle)));
-        let runge_kutta = resolving(rates, interval, grain);
-        // Two evaluations a step instead of four.
-        let is_cheaper = exponential(rates) < runge_kutta && runge_kutta > 2;
-        let is_exponential = damping * damping > 4.0 * rates[0] && is_cheaper;
-        let needed = |rates| {
-            if is_exponential {
-                exponential(rates)
-            } else {
-                resolving(rates, interval, grain)
+        let stepping = Self::resolving(damping, rates, interval, grain);
+        let [stiffness, all] = rates;
+        let without = |relaxation: R| {
+            let others = [stiffness, (all - relaxation.to_f64()).max(0.0)];
+            match stepping.scheme {
+                Scheme::ExponentialHeun => exponential(damping, others, interval),
+                _ => runge_kutta(others, interval, grain),
             }
         };
         Self {
-            scheme: if is_exponential {
-                Scheme::ExponentialHeun
-            } else {
-                Scheme::Rk4
-            },
-            substeps: needed(rates),
-            friction: model.signs().map(|sign| {
-                let [stiffness, all] = rates;
-                let signs = sign.relaxation.to_f64();
-                Friction {
-                    sticks: 0.5 * sign.width.to_f64(),
-                    // The creep of a smoothed sign follows the pressure within an interval.
-                    sticking: about(damping + signs, rates).max(4),
-                    slides: sign.saturated.to_f64(),
-                    sliding: needed([stiffness, (all - signs).max(0.0)]),
+            friction: model.signs().map(|sign| Friction {
+                sticks: 0.5 * sign.width.to_f64(),
+                // The creep of a smoothed sign follows the pressure within an interval.
+                sticking: exponential(damping + sign.relaxation.to_f64(), rates, interval).max(4),
+                slides: sign.saturated.to_f64(),
+                sliding: without(sign.relaxation),
+            }),
+            winding: model.winding(R::from_f64(angle)).map(|[each, together]| {
+                let steps_each = match stepping.scheme {
+                    Scheme::ExponentialHeun => 2.0,
+                    _ => 0.5,
+                };
+                Winding {
+                    still: without(together),
+                    per_rate: steps_each * interval * each.to_f64(),
                 }
             }),
+            ..stepping
         }
     }
+
+    /// The steps that the swing of a model and its damping need, without what an effect does
+    /// faster: how finely its motion shows.
+    pub fn of_motion(model: &Model<f64>, interval: f64, angle: f64, grain: Grain) -> Self {
+        let damping = damping_rate(model);
+        let rates = [model.fastest_swing(angle).max(0.0), damping];
+        Self::resolving(damping, rates, interval, grain)
+    }
+
+    fn resolving(damping: f64, rates: [f64; 2], interval: f64, grain: Grain) -> Self {
+        let short = runge_kutta(rates, interval, grain);
+        let long = exponential(damping, rates, interval);
+        // Two evaluations a step instead of four.
+        let is_exponential = damping * damping > 4.0 * rates[0] && long < short && short > 2;
+        let (scheme, substeps) = if is_exponential {
+            (Scheme::ExponentialHeun, long)
+        } else {
+            (Scheme::Rk4, short)
+        };
+        Self {
+            scheme,
+            substeps,
+            friction: None,
+            winding: None,
+        }
+    }
+}
+
+/// Evaluations of the model in a step.
+const fn evaluations_of(scheme: Scheme) -> usize {
+    match scheme {
+        Scheme::SemiImplicitEuler => 1,
+        Scheme::Heun | Scheme::ExponentialHeun => 2,
+        Scheme::Rk4 => 4,
+    }
+}
+
+/// Damping over inertia (1/s).
+fn damping_rate<R: FromF64, P: Power<R>>(model: &Model<R, P>) -> f64 {
+    (model.dynamics().damping / model.dynamics().inertia).to_f64()
 }
 
 /// Stiffness over inertia (1/s²) and relaxation (1/s), neither below zero.
@@ -373,10 +432,17 @@ fn upper<R: FromF64>(rates: Rates<R>) -> [f64; 2] {
 /// within a few steps; nobody sees their course.
 pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, angle: f64) -> usize {
     let rates = upper(model.fastest_rate(R::from_f64(angle)));
-    resolving(rates, interval, Grain::Fine)
+    runge_kutta(rates, interval, Grain::Fine)
 }
 
-fn resolving([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> usize {
+/// Exponential steps about a decay (1/s) that resolve the slow motion and the other rates.
+fn exponential(decay: f64, [stiffness, relaxation]: [f64; 2], interval: f64) -> usize {
+    let others = (relaxation - decay).max(0.0);
+    count((stiffness / decay * interval / SLOW).max(2.0 * others * interval))
+}
+
+/// Runge–Kutta steps.
+fn runge_kutta([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> usize {
     let oscillation = stiffness.sqrt() * interval / grain.angle_a_step();
     count(oscillation.max(relaxation * interval / 2.0))
 }
@@ -407,7 +473,8 @@ fn across(interval: f64, usual: f64, substeps: usize) -> usize {
     more
 }
 
-/// Advances `state` from the sample before `sample` to it.
+/// Advances `state` from the sample before `sample` to it; how many evaluations of the model that
+/// took.
 pub fn advance<R: FromF64, P: Power<R>>(
     model: &Model<R, P>,
     signal: &Signal,
@@ -415,33 +482,48 @@ pub fn advance<R: FromF64, P: Power<R>>(
     zero: R,
     stepping: Stepping,
     state: &mut State<R>,
-) {
-    if let Some(friction) = stepping.friction {
-        let before = *state;
-        let rate = before.rate.to_f64();
+) -> usize {
+    let by_scheme = How::By(stepping.scheme);
+    let small = (by_scheme, stepping.substeps);
+    if stepping.friction.is_none() && stepping.winding.is_none() {
+        return cross(model, signal, sample, zero, small, state);
+    }
+    let before = *state;
+    let rate = before.rate.to_f64();
+    let mut evaluations = 0;
+    // In few steps, where `is_enough` for what came of it.
+    let mut in_few = |how, few: usize, is_enough: &dyn Fn(f64) -> bool| {
+        evaluations += cross(model, signal, sample, zero, (how, few), state);
+        is_enough(state.rate.to_f64())
+    };
+    let is_done = if let Some(friction) = stepping.friction {
         if rate.abs() > friction.slides && friction.sliding < stepping.substeps {
-            let steps = (How::By(stepping.scheme), friction.sliding);
-            cross(model, signal, sample, zero, steps, state);
-            if rate.signum() * state.rate.to_f64() > friction.slides {
-                return;
-            }
+            let slides = |after: f64| rate.signum() * after > friction.slides;
+            in_few(by_scheme, friction.sliding, &slides)
         } else if rate.abs() < friction.sticks
             && friction.sticking < stepping.substeps
             && let Some(sign) = model.signs()
         {
             let damping = model.dynamics().damping / model.dynamics().inertia;
             let decay = damping + sign.relaxation;
-            let steps = (How::About(decay), friction.sticking);
-            cross(model, signal, sample, zero, steps, state);
-            if state.rate.to_f64().abs() < friction.sticks {
-                return;
-            }
+            let sticks = |after: f64| after.abs() < friction.sticks;
+            in_few(How::About(decay), friction.sticking, &sticks)
+        } else {
+            false
         }
-        // It turned, or broke loose: once more, in small steps.
+    } else if let Some(winding) = stepping.winding {
+        let few = winding.steps(rate);
+        let is_slow = |after: f64| winding.steps(after) <= 2 * few;
+        few < stepping.substeps && in_few(by_scheme, few, &is_slow)
+    } else {
+        false
+    };
+    if !is_done {
+        // It turned, broke loose or got going: once more, in small steps.
         *state = before;
+        evaluations += cross(model, signal, sample, zero, small, state);
     }
-    let steps = (How::By(stepping.scheme), stepping.substeps);
-    cross(model, signal, sample, zero, steps, state);
+    evaluations
 }
 
 /// How a step is taken.
@@ -460,7 +542,7 @@ fn cross<R: FromF64, P: Power<R>>(
     zero: R,
     (how, substeps): (How<R>, usize),
     state: &mut State<R>,
-) {
+) -> usize {
     let interval = signal.time[sample] - signal.time[sample - 1];
     let substeps = across(interval, signal.usual_interval(), substeps);
     let dt = R::from_f64(interval / substeps as f64);
@@ -476,6 +558,11 @@ fn cross<R: FromF64, P: Power<R>>(
             How::About(decay) => step_about(decay, model, state, &around, dt),
         }
     }
+    substeps
+        * match how {
+            How::By(scheme) => evaluations_of(scheme),
+            How::About(_) => evaluations_of(Scheme::ExponentialHeun),
+        }
 }
 
 /// Whether an angle (rad) has left all bounds.
@@ -559,21 +646,15 @@ pub fn run_as_it_is<R: FromF64, P: Power<R>>(
     origin: Origin<R>,
     stepping: Stepping,
 ) -> Trajectory<R> {
-    Work::count(signal.time.len(), stepping, R::HAS_DERIVATIVES);
     let mut state = state_at(model, signal, &origin);
     let mut reading = Vec::with_capacity(signal.time.len());
     reading.push(model.reading(&state));
     let mut diverged = false;
+    let mut evaluations = 0;
     for sample in 1..signal.time.len() {
         if !diverged {
-            advance(
-                model,
-                signal,
-                sample,
-                origin.pressure_zero,
-                stepping,
-                &mut state,
-            );
+            let zero = origin.pressure_zero;
+            evaluations += advance(model, signal, sample, zero, stepping, &mut state);
             diverged = is_lost(state.angle);
         }
         reading.push(if diverged {
@@ -582,6 +663,7 @@ pub fn run_as_it_is<R: FromF64, P: Power<R>>(
             model.reading(&state)
         });
     }
+    Work::count(evaluations, R::HAS_DERIVATIVES);
     Trajectory { reading, diverged }
 }
 

@@ -5,10 +5,6 @@
 use std::ops::Sub;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use model_core::integrate::Scheme;
-
-use super::simulate::Stepping;
-
 static PLAIN: AtomicU64 = AtomicU64::new(0);
 static WITH_DERIVATIVES: AtomicU64 = AtomicU64::new(0);
 
@@ -30,19 +26,13 @@ impl Work {
         }
     }
 
-    /// Counts so many intervals between samples, where friction does not ask for other steps.
-    pub(crate) fn count(intervals: usize, stepping: Stepping, has_derivatives: bool) {
-        let each = match stepping.scheme {
-            Scheme::SemiImplicitEuler => 1,
-            Scheme::Heun | Scheme::ExponentialHeun => 2,
-            Scheme::Rk4 => 4,
-        };
+    /// Counts evaluations.
+    pub(crate) fn count(evaluations: usize, has_derivatives: bool) {
         let counter = if has_derivatives {
             &WITH_DERIVATIVES
         } else {
             &PLAIN
         };
-        let evaluations = intervals * stepping.substeps * each;
         counter.fetch_add(evaluations as u64, Ordering::Relaxed);
     }
 }

@@ -146,6 +146,7 @@ impl Identifier<'_> {
         let mut near = fitted(minima, Effort::Coarse);
         let most = NEAR * near.first()?.cost();
         near.retain(|fit| fit.cost() <= most);
+        distinct(&mut near, SAME, FINALISTS);
         let mut fits = fitted(near, Effort::Full);
         distinct(&mut fits, SAME, FINALISTS);
         let mut fits = fits.into_iter();
