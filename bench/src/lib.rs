@@ -14,4 +14,5 @@ pub mod pictures;
 pub mod processor;
 pub mod real;
 pub mod rig_loop;
+pub mod search;
 pub mod simulate;

@@ -12,7 +12,9 @@ use softrig_bench::asked::Asked;
 use softrig_bench::invariance::ways::Way;
 use softrig_bench::invariance::{calibration, known, run as invariance};
 use softrig_bench::rig_loop::{bench as rig_loop, decide};
-use softrig_bench::{blind, catalogue, commands, diagnosis, many, pages, pictures, real, simulate};
+use softrig_bench::{
+    blind, catalogue, commands, diagnosis, many, pages, pictures, real, search, simulate,
+};
 use softrig_tests::{process::root, write};
 
 #[derive(Debug, Parser)]
@@ -60,6 +62,7 @@ enum Benchmark {
     /// Diagnoses more and more recordings of 10 s and times each diagnosis
     Many(Asked),
     Real(real::Options),
+    Search(search::Options),
     /// Times the simulation that every fit and diagnosis is made of
     Simulate,
     /// Shows the figures that a benchmark wrote as JSON
@@ -109,6 +112,7 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
         Benchmark::Loop(options) => options.measure(&target.join("loop")),
         Benchmark::Many(asked) => many::measure(asked, &target.join("bench/many")),
         Benchmark::Real(options) => options.measure(&target.join("real"), args.docs),
+        Benchmark::Search(options) => Ok(options.measure(&target.join("search"))),
         Benchmark::Simulate => simulate::measure(),
         Benchmark::Pages { file } => known::read_json(file),
     }?;
@@ -152,6 +156,7 @@ mod tests {
             format!("{REAL} --only pendulum,silverbox --softrig b/rig"),
             format!("{LOOP} --docs --seeds 1..3 --jobs 2"),
             "blind --fast --target target".into(),
+            "search --sets example,bench --only gravity,leak --seeds 1..2 --docs".into(),
             "pages target/bench/loop.json --docs".into(),
         ] {
             parse(&line).unwrap_or_else(|error| panic!("{line}: {error}"));
@@ -166,6 +171,7 @@ mod tests {
             format!("{LOOP} --jobs 0 --seeds 1"),
             format!("{LOOP} --seeds 1 --job 1"),
             "blind --fast --docs".into(),
+            "search --only none".into(),
         ] {
             assert!(parse(&line).is_err(), "{line}");
         }

@@ -21,7 +21,7 @@ macro_rules! template {
     };
 }
 
-const PAGES: [Page; 12] = [
+const PAGES: [Page; 13] = [
     ("blind", &["blind.md"], template!("blind.md")),
     (
         "calibration",
@@ -42,6 +42,7 @@ const PAGES: [Page; 12] = [
     ("loop", &["loop.md"], template!("loop.md")),
     ("many", &[], template!("many.md")),
     ("real", &["real.md"], template!("real.md")),
+    ("search", &["search.md"], template!("search.md")),
 ];
 
 /// What most templates use.

@@ -95,6 +95,9 @@ Tasks:
                          recordings of eight real rigs: the diagnosis beside
                          black boxes; --docs writes docs/real.md; --softrig takes
                          another `softrig` than the one of this source
+  bench search [--seeds A..B] [--sets SET,…] [--only KIND,…] [--minutes M] [--docs]
+                         does the search find the fit that there is? Beside fits
+                         that start at drawn truths; --docs writes docs/search.md
   bench catalogue --docs the tables of effects and constants in docs/, from
                          the code
   bench pages FILE [--docs]

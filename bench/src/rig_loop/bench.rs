@@ -58,7 +58,7 @@ pub struct Options {
 
 /// Seeds, as they were asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Seeds {
+pub(crate) struct Seeds {
     pub asked: String,
     pub each: Vec<u64>,
 }
