@@ -220,7 +220,7 @@ struct Searched {
     /// What it left of an effect that has the true one as a special case.
     wider_rmse_deg: Option<f64>,
     /// Whether anything was searched: not where the refit passes for noise.
-    searched: bool,
+    tried: bool,
     found: bool,
     /// Place of the effect by the score, from 1.
     rank: Option<usize>,
@@ -258,7 +258,7 @@ impl Searched {
             truth_rmse_deg: truth.to_degrees(),
             search_rmse_deg: left[0].map(f64::to_degrees),
             wider_rmse_deg: left[1].map(f64::to_degrees),
-            searched: !diagnosis.tried.is_empty(),
+            tried: !diagnosis.tried.is_empty(),
             found: is_found(truth, left),
             rank: rank(kind, &file, &diagnosis),
             cpu_seconds: spent.map(|(after, before)| after - before),
@@ -332,8 +332,8 @@ fn figures(cases: &[Searched]) -> Value {
         json!({
             "name": name, "cases": these.len(),
             "found": Rate::count(these.iter().map(|case| case.found)).shown(),
-            "quiet": count(&|case| !case.searched),
-            "not_tried": count(&|case| case.searched && case.search_rmse_deg.is_none()),
+            "quiet": count(&|case| !case.tried),
+            "not_tried": count(&|case| case.tried && case.search_rmse_deg.is_none()),
             "first": FIRST.map(|most| count(&|case| case.rank.is_some_and(|rank| rank <= most))),
             "median_cpu_seconds": (!spent.is_empty()).then(|| median(&mut spent)),
         })
@@ -408,7 +408,7 @@ mod tests {
             truth_rmse_deg: 1.0,
             search_rmse_deg: search,
             wider_rmse_deg: None,
-            searched: true,
+            tried: true,
             found: is_found(1.0, [search, None]),
             rank,
             cpu_seconds: Some(4.0),
@@ -416,7 +416,7 @@ mod tests {
             evaluations_with_derivatives: 2,
         };
         let mut quiet = case(14, None, None);
-        (quiet.refit_rmse_deg, quiet.searched) = (1.1, false);
+        (quiet.refit_rmse_deg, quiet.tried) = (1.1, false);
         let cases = [
             case(11, Some(1.0), Some(1)),
             case(12, Some(2.0), Some(5)),

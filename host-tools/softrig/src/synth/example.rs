@@ -109,11 +109,38 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
         .iter()
         .map(|(.., protocol)| protocol.duration())
         .fold(0.0, f64::max);
-    let effect = kind.map(|kind| draw_effect(kind, &dynamics, session_s, &mut random));
-    let effects: Vec<_> = effect.into_iter().collect();
-    let truth: Model<f64> = Model::new(dynamics, &effects).map_err(invalid)?;
+    let mut truth: Model<f64> = Model::new(dynamics, &[]).map_err(invalid)?;
+    let mut effects = Vec::new();
+    for _ in 0..MOST_DRAWS {
+        let effect = kind.map(|kind| draw_effect(kind, &dynamics, session_s, &mut random));
+        effects = effect.into_iter().collect();
+        truth = Model::new(dynamics, &effects).map_err(invalid)?;
+        if rests(&truth) {
+            break;
+        }
+    }
     let text = model_text(&dynamics, &effects, "simulated example, as it is");
     of_truth(&truth, text, noise_deg, &mut random)
+}
+
+/// Draws of an effect until it leaves an actuator; hardly any takes more than a few.
+const MOST_DRAWS: usize = 100;
+
+/// Whether an actuator comes to rest under the pressure that bends it by 90° without its effects: a
+/// spring that gives way with the cube of the angle may tip over.
+fn rests(truth: &Model<f64>) -> bool {
+    let Ok(plain) = Model::<f64>::new(*truth.dynamics(), &[]) else {
+        return false;
+    };
+    let pressure = plain.holding_pressure(RIGHT_ANGLE);
+    let holds = |angle: f64| {
+        let at_rest = truth.at_rest(angle, pressure);
+        truth
+            .derivative(&at_rest, &Held(pressure), 0.0)
+            .acceleration
+            < 0.0
+    };
+    (10..=17).any(|tenths| holds(RIGHT_ANGLE * f64::from(tenths) / 10.0 + 1e-3))
 }
 
 /// Makes an example of an actuator that a model file describes, with effects of any kind.
@@ -596,6 +623,18 @@ mod tests {
         let truth = ModelFile::parse(&models.truth, Path::new("truth.toml")).unwrap();
         let effect = truth.model.effects().next().unwrap();
         (truth.model, effect)
+    }
+
+    #[test]
+    fn no_example_bends_further_than_an_actuator_can() {
+        for kind in [Kind::CubicStiffness, Kind::ExponentShift, Kind::Gravity] {
+            for seed in 0..12 {
+                let example = make(Hidden::Effect(kind), 0.0, seed).unwrap();
+                let all = example.recordings.iter().flat_map(|(_, it, _)| &it.angle);
+                let farthest = all.fold(0.0, |most: f64, angle| most.max(angle.abs()));
+                assert!(farthest < 4.0, "{kind:?} {seed}: {farthest} rad");
+            }
+        }
     }
 
     #[test]
