@@ -270,8 +270,7 @@ impl<'a> CrossValidator<'a> {
     }
 
     /// Spares the refits without a fold of structures that leave more than `most` (rad) where
-    /// they are fitted: they are no rivals, and where one step is not to be trusted they are taken
-    /// as fitted to everything, which flatters them.
+    /// they are fitted: they are no rivals, and one step has to do even where it leaves them worse.
     pub fn refitting_up_to(&mut self, most: f64) {
         self.refitted_up_to = most;
     }
@@ -482,6 +481,7 @@ impl<'a> CrossValidator<'a> {
         let rest = &self.of(&data);
         // A much worse error suggests that the step left the range of the quadratic
         // approximation.
+        let is_rival = candidate.added.is_empty() || candidate.fit.rmse() <= self.refitted_up_to;
         let by_step = candidate
             .fit
             .without(fold)
@@ -494,12 +494,9 @@ impl<'a> CrossValidator<'a> {
                     .map(|residual| residual * residual)
                     .sum();
                 let left: f64 = squares(&found.validation.residuals).iter().sum();
-                left <= TRUSTED * fitted
+                left <= TRUSTED * fitted || !is_rival && left.is_finite()
             });
         by_step.unwrap_or_else(|| {
-            if !candidate.added.is_empty() && candidate.fit.rmse() > self.refitted_up_to {
-                return validated(rest, &candidate.fit.model, zeros);
-            }
             let free = if candidate.fit.free.is_empty() {
                 free_parameters(self.file, &candidate.added)
             } else {

@@ -155,7 +155,7 @@ impl Limits {
 
     /// Bounds of a parameter of an effect. A time constant far below the interval between samples
     /// does not show, nor does what a friction does at rates that are rest; both only make a
-    /// simulation long.
+    /// simulation long. A start beyond moves the bound.
     fn bounds(&self, model: &Model<f64>, id: ParameterId) -> (f64, f64) {
         let (lower, upper) = bounds(model, id);
         let least = match model.row(id).map(|row| row.unit) {
@@ -163,8 +163,9 @@ impl Limits {
             Some(Unit::RadianPerSecond) => SLOWEST_RATE * self.angle / self.duration,
             _ => return (lower, upper),
         };
+        let start = model.value(id).unwrap_or(upper);
         if lower > 0.0 && least.is_finite() {
-            (lower.max(least).min(upper), upper)
+            (lower.max(least.min(start)), upper)
         } else {
             (lower, upper)
         }
