@@ -504,8 +504,8 @@ impl<'a> CrossValidator<'a> {
             };
             let refitted =
                 rest.at(candidate.level.as_ref())
-                    .parameters(&candidate.fit.model, &free, REFITTED);
-            validated(rest, &refitted, zeros)
+                    .fit(&candidate.fit.model, &free, REFITTED);
+            validated(rest, &refitted.model, zeros)
         })
     }
 }

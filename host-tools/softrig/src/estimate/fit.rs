@@ -348,23 +348,6 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// The parameters of a fit whose residuals nobody asks for: on the samples that the motion
-    /// needs.
-    pub fn parameters(
-        &self,
-        start: &Model<f64>,
-        free: &[ParameterId],
-        effort: Effort,
-    ) -> Model<f64> {
-        let thin = (self.level.is_none() && !free.is_empty())
-            .then(|| self.on_thinned(start, free, effort, &|| false))
-            .flatten();
-        match thin {
-            Some(near) => near.model,
-            None => self.fit(start, free, effort).model,
-        }
-    }
-
     /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept; none if it is interrupted,
     /// which is asked at every step.
     pub fn fit_unless(
