@@ -169,6 +169,7 @@ impl Options {
         }
         let clock = Instant::now();
         let most = self.minutes.map(|it| Duration::from_secs(60 * it));
+        let planned = each.len();
         let (mut cases, mut failed) = (Vec::new(), Vec::new());
         // One after the other: evaluations and processor time are those of the whole process.
         for (set, kind, seed) in each {
@@ -185,6 +186,7 @@ impl Options {
         }
         let mut figures = figures(&cases);
         figures["command"] = self.command().into();
+        figures["left_out"] = (planned - cases.len() - failed.len()).into();
         figures["failed"] = failed.into();
         figures
     }
@@ -237,13 +239,7 @@ impl Searched {
         let case = Case::read(&folder, None).map_err(|what| InputError::new(what, "draw again"))?;
         let file = ModelFile::read(&case.model)?;
         let recordings = read_all(&case.recordings, &Layout::default(), |_| {})?;
-        let request = Request {
-            file: &file,
-            recordings: &recordings,
-            holdout: &[],
-            own: None,
-            seed: 1,
-        };
+        let request = Request::of(&file, &recordings);
         let (work, processor) = (Work::so_far(), seconds(Of::Itself));
         let diagnosis = diagnose(&request, &Progress::default())?;
         let work = Work::so_far() - work;

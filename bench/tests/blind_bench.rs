@@ -435,13 +435,7 @@ fn a_session_is_diagnosed_and_not_refused() {
     let folder = written("blind_bench_diagnosed", &made);
     let file = ModelFile::read(&folder.join("model.toml")).unwrap();
     let recordings = read(&folder);
-    let request = Request {
-        file: &file,
-        recordings: &recordings,
-        holdout: &[],
-        own: None,
-        seed: 1,
-    };
+    let request = Request::of(&file, &recordings);
     let diagnosis = diagnose(&request, &Progress::default()).unwrap();
     assert!(diagnosis.refit.rmse().is_finite());
     std::fs::remove_dir_all(&folder).unwrap();

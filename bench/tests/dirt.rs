@@ -26,13 +26,7 @@ fn asked(way: Way) -> Diagnosis {
             Recording::parse(&text, Path::new(name)).unwrap().0
         })
         .collect();
-    let request = Request {
-        file: &file,
-        recordings: &recordings,
-        holdout: &[],
-        own: None,
-        seed: 1,
-    };
+    let request = Request::of(&file, &recordings);
     diagnose(&request, &Progress::default()).unwrap()
 }
 

@@ -67,11 +67,8 @@ fn diagnosed(example: &Example, own: Option<&OwnEffects>) -> (Diagnosis, Value, 
         .map(|(_, recording, _)| recording.clone())
         .collect();
     let request = Request {
-        file: &file,
-        recordings: &recordings,
-        holdout: &[],
         own,
-        seed: 1,
+        ..Request::of(&file, &recordings)
     };
     let diagnosis = diagnose(&request, &Progress::default()).unwrap();
     let verdict = serde_json::to_value(diagnosis.verdict(&request, 0.0)).unwrap();

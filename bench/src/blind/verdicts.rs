@@ -58,13 +58,7 @@ impl Outcome {
         let file = ModelFile::read(&folder.join("model.toml"))?;
         let paths = recordings(folder)?;
         let recordings = read_all(&paths, &Layout::default(), |_| {})?;
-        let request = Request {
-            file: &file,
-            recordings: &recordings,
-            holdout: &[],
-            own: None,
-            seed: 1,
-        };
+        let request = Request::of(&file, &recordings);
         let (clock, processor) = (Instant::now(), processor_seconds());
         // A panic is a wrong answer to one case, not the end of the benchmark.
         let diagnosis = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {

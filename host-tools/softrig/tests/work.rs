@@ -27,13 +27,7 @@ fn a_diagnosis_simulates_no_more_than_it_did() {
         let example = make(hidden, 0.3, 5).unwrap();
         let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
         let recordings: Vec<Recording> = example.recordings.into_iter().map(|it| it.1).collect();
-        let request = Request {
-            file: &file,
-            recordings: &recordings,
-            holdout: &[],
-            own: None,
-            seed: 1,
-        };
+        let request = Request::of(&file, &recordings);
         let before = Work::so_far();
         diagnose(&request, &Progress::default()).unwrap();
         let work = Work::so_far() - before;

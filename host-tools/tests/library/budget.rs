@@ -21,13 +21,7 @@ fn within(
     recordings: &[Recording],
     budget: Option<Budget>,
 ) -> (Diagnosis, String) {
-    let request = Request {
-        file,
-        recordings,
-        holdout: &[],
-        seed: 1,
-        own: None,
-    };
+    let request = Request::of(file, recordings);
     let found = diagnose(&request, &Progress::within(budget)).unwrap();
     let verdict = serde_json::to_string(&found.verdict(&request, 0.0)).unwrap();
     (found, verdict)

@@ -14,13 +14,7 @@ use super::steps;
 #[test]
 fn a_model_that_the_board_refuses_is_not_for_upload_and_the_reason_is_said() {
     let (file, recordings) = steps(Hidden::Effect(Kind::QuadraticDamping), 0.3, 4);
-    let request = Request {
-        file: &file,
-        recordings: &recordings,
-        holdout: &[],
-        own: None,
-        seed: 1,
-    };
+    let request = Request::of(&file, &recordings);
     let mut diagnosis = diagnose(&request, &Progress::default()).unwrap();
     assert!(diagnosis.is_better(), "{:?}", diagnosis.held_out);
     assert_eq!(diagnosis.upload(&file), Upload::Worth);

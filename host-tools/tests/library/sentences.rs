@@ -48,13 +48,7 @@ fn trace(strength: Strength) -> Finding {
 #[allow(clippy::too_many_lines)] // A row for each finding.
 fn every_finding_is_a_sentence_that_a_person_would_say() {
     let (file, recordings) = steps(Hidden::Nothing, 0.3, 4);
-    let request = Request {
-        file: &file,
-        recordings: &recordings,
-        holdout: &[],
-        own: None,
-        seed: 1,
-    };
+    let request = Request::of(&file, &recordings);
     let plain = diagnose(&request, &Progress::default()).unwrap();
     let said = |finding: Finding| {
         sentence(&Diagnosis {

@@ -30,13 +30,7 @@ fn diagnosed(tolerance_deg: f64) -> Diagnosis {
         }
         recording.meta.tolerance_deg = Some(tolerance_deg);
     }
-    let request = Request {
-        file: &file,
-        recordings: &recordings,
-        holdout: &[],
-        seed: 1,
-        own: None,
-    };
+    let request = Request::of(&file, &recordings);
     diagnose(&request, &Progress::default()).unwrap()
 }
 

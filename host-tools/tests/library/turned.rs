@@ -175,13 +175,7 @@ fn said(recordings: Vec<Recording>, setup: &str) -> Vec<Recording> {
 }
 
 fn diagnosis(file: &ModelFile, recordings: &[Recording]) -> Diagnosis {
-    let request = Request {
-        file,
-        recordings,
-        holdout: &[],
-        own: None,
-        seed: 1,
-    };
+    let request = Request::of(file, recordings);
     diagnose(&request, &Progress::default()).unwrap()
 }
 

@@ -113,6 +113,18 @@ pub struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
+    /// As the command asks without options: segments are left out in turn, the effects are those
+    /// of the catalogue, and the seed is 1.
+    pub const fn of(file: &'a ModelFile, recordings: &'a [Recording]) -> Self {
+        Self {
+            file,
+            recordings,
+            holdout: &[],
+            own: None,
+            seed: 1,
+        }
+    }
+
     /// The user's own effects.
     pub fn own_kinds(&self) -> &'a [Kind] {
         self.own.map_or(&[], |own| &own.kinds)

@@ -89,7 +89,8 @@ pub struct Example {
 ///
 /// # Errors
 ///
-/// Refuses noise that is negative or not a number.
+/// Refuses noise that is negative or not a number, and a seed of whose actuator no draw of the effect
+/// leaves one.
 pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputError> {
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let dynamics = Dynamics {
@@ -109,18 +110,19 @@ pub fn make(hidden: Hidden, noise_deg: f64, seed: u64) -> Result<Example, InputE
         .iter()
         .map(|(.., protocol)| protocol.duration())
         .fold(0.0, f64::max);
-    let mut truth: Model<f64> = Model::new(dynamics, &[]).map_err(invalid)?;
-    let mut effects = Vec::new();
     for _ in 0..MOST_DRAWS {
         let effect = kind.map(|kind| draw_effect(kind, &dynamics, session_s, &mut random));
-        effects = effect.into_iter().collect();
-        truth = Model::new(dynamics, &effects).map_err(invalid)?;
+        let effects: Vec<_> = effect.into_iter().collect();
+        let truth: Model<f64> = Model::new(dynamics, &effects).map_err(invalid)?;
         if rests(&truth) {
-            break;
+            let text = model_text(&dynamics, &effects, "simulated example, as it is");
+            return of_truth(&truth, text, noise_deg, &mut random);
         }
     }
-    let text = model_text(&dynamics, &effects, "simulated example, as it is");
-    of_truth(&truth, text, noise_deg, &mut random)
+    Err(InputError::new(
+        "no actuator of this seed comes to rest with such an effect",
+        "choose another seed",
+    ))
 }
 
 /// Draws of an effect until it leaves an actuator; hardly any takes more than a few.

@@ -89,13 +89,7 @@ fn go(mut served: VirtualRig) -> Pass {
     let path = folder.path().join("truth.toml");
     let (truth, answer) = (ModelFile::read(&path), fs::read_to_string(path).unwrap());
     let file = ModelFile::read(&folder.path().join("model.toml")).unwrap();
-    let request = Request {
-        file: &file,
-        recordings: std::slice::from_ref(&recording),
-        holdout: &[],
-        own: None,
-        seed: 1,
-    };
+    let request = Request::of(&file, std::slice::from_ref(&recording));
     let diagnosis = diagnose(&request, &Progress::default()).unwrap();
     let verdict = diagnosis.verdict(&request, 0.0);
     println!("{}", serde_json::to_string(&verdict).unwrap());
