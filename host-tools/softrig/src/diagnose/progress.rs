@@ -74,8 +74,6 @@ struct Now {
     fits: usize,
     /// RMS residual (rad) of the refit of the nominal structure.
     refit: Option<f64>,
-    /// The effects that the score puts first.
-    looks_like: Vec<Kind>,
     best: Option<Best>,
     /// The parts that were not done.
     undone: BTreeSet<SearchPart>,
@@ -111,8 +109,6 @@ pub struct State {
     pub elapsed: Duration,
     /// Time since the beginning of the present step.
     pub in_step: Duration,
-    /// The effects that the score puts first, before any fit.
-    pub looks_like: Vec<Kind>,
     /// The best explanation so far.
     pub best: Option<Best>,
 }
@@ -133,7 +129,6 @@ impl Default for Progress {
                 done: 0,
                 fits: 0,
                 refit: None,
-                looks_like: Vec::new(),
                 best: None,
                 undone: BTreeSet::new(),
             }),
@@ -282,18 +277,12 @@ impl Progress {
     pub fn again(&self, why: &'static str) {
         let mut now = self.now();
         now.again = why;
-        now.looks_like.clear();
         now.best = None;
     }
 
     /// Notes the RMS error (rad) of the refit of the nominal structure.
     pub fn refitted(&self, leaves: f64) {
         self.now().refit = Some(leaves);
-    }
-
-    /// Notes the effects that the score puts first: what it looks like before any fit.
-    pub fn looks_like(&self, kinds: &[Kind]) {
-        self.now().looks_like = kinds.to_vec();
     }
 
     /// Counts a fit once the returned value is dropped, also if the fit fails.
@@ -342,7 +331,6 @@ impl Progress {
             fits: now.fits,
             elapsed: self.started.elapsed(),
             in_step: now.since.elapsed(),
-            looks_like: now.looks_like.clone(),
             best: now.best.clone(),
         }
     }
@@ -455,16 +443,11 @@ impl State {
         text
     }
 
-    /// The best explanation so far, or what it looks like without a fit, or that there is none.
+    /// The best explanation so far, or that there is none.
     pub fn best_so_far(&self) -> String {
-        match (&self.best, names(&self.looks_like).split_last()) {
-            (Some(best), _) => format!("best so far: {best}"),
-            (None, Some((last, []))) => format!("it looks like {last}; nothing is fitted yet"),
-            (None, Some((last, others))) => format!(
-                "it looks like {} or {last}; nothing is fitted yet",
-                others.join(", ")
-            ),
-            (None, None) => "no explanation so far".into(),
+        match &self.best {
+            Some(best) => format!("best so far: {best}"),
+            None => "no explanation so far".into(),
         }
     }
 }
@@ -635,7 +618,6 @@ mod tests {
             fits: 63,
             elapsed: Duration::from_secs(200),
             in_step: Duration::from_secs(24),
-            looks_like: vec![Gravity],
             best: Some(Best {
                 kinds: vec![CoulombFriction, Gravity],
                 leaves: 0.39_f64.to_radians(),
@@ -657,14 +639,6 @@ mod tests {
         assert_eq!(
             begun.to_string(),
             "refit of the nominal structure; 0 s so far; no explanation so far"
-        );
-        let scored = State {
-            looks_like: vec![CoulombFriction, Gravity],
-            ..begun
-        };
-        assert_eq!(
-            scored.best_so_far(),
-            "it looks like coulomb_friction or gravity; nothing is fitted yet"
         );
         let coarse = Best {
             kinds: vec![Gravity],

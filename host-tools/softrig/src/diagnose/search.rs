@@ -24,9 +24,6 @@ use crate::estimate::fit::Fitter;
 use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, short_segments, subsample};
 use softrig_formats::model_file::ModelFile;
 
-/// Effects that are shown before any is fitted.
-const LOOKS_LIKE: usize = 3;
-
 /// The best single effects that others are tried in place of.
 const LEADERS: usize = 2;
 
@@ -86,10 +83,6 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let (kinds, untried) = applicable(&file.model, options.own, &fitter);
     let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_FIT);
     let guesses = material.guesses(&fitter, &baseline, &kinds);
-    let ranked = guesses.ranked();
-    options
-        .progress
-        .looks_like(&ranked[..ranked.len().min(LOOKS_LIKE)]);
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, &guesses, options);
     let Singles { coarse, mut pool } = singles(&context, &baseline.floor, &kinds, &baseline.refit);
