@@ -558,7 +558,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
 
     /// The sum of the delays (s) on the input path.
     #[inline]
-    pub(crate) fn delay(&self) -> R {
+    pub fn delay(&self) -> R {
         let mut delay = R::zero();
         for effect in self.occupied() {
             delay += effect.delay();

@@ -17,6 +17,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 use super::policy::Search;
+use crate::estimate::checkpoint::fingerprint;
 use crate::estimate::filter::noise_floor;
 use crate::estimate::fit::{Fit, Fitter};
 use crate::estimate::nuisance::{Nuisance, rest_at_start};
@@ -176,10 +177,12 @@ impl NoiseFloor {
             .enumerate()
             .map(|(index, (session, nuisance))| {
                 let ranges = fitter.data.fitted_ranges(index);
+                let pressure = &session.recording().pressure;
                 Calm {
                     session,
                     nuisance,
                     noise: noise_of(session.recording(), Channel::Pressure),
+                    seed: fingerprint(pressure.iter().flat_map(|sample| sample.to_le_bytes())),
                     simulated: if ranges.is_empty() {
                         Vec::new()
                     } else {
@@ -231,6 +234,8 @@ struct Calm<'a> {
     nuisance: &'a Nuisance,
     /// White noise of the pressure (Pa).
     noise: f64,
+    /// What its draws are seeded by: the recorded pressure.
+    seed: u64,
     ranges: Vec<Range<usize>>,
     simulated: Vec<f64>,
 }
@@ -241,9 +246,10 @@ impl Calm<'_> {
     }
 
     /// Sum of squares (rad²) over the fitted samples of the difference that a draw of the
-    /// noise makes. Every session has the same draws, whatever its place among the others.
+    /// noise makes. A session has its own draws, whatever its place among the others: so fewer
+    /// are needed of many.
     fn squares(&self, model: &Model<f64>, draw: usize) -> f64 {
-        let mut random = Pcg64Mcg::seed_from_u64(draw as u64);
+        let mut random = Pcg64Mcg::seed_from_u64(self.seed.wrapping_add(draw as u64));
         let pressure = self
             .session
             .recording()

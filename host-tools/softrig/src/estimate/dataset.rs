@@ -209,7 +209,21 @@ impl Session {
 
     /// How a model is integrated between two samples.
     pub fn stepping<R: FromF64, P: Power<R>>(&self, model: &Model<R, P>) -> Stepping {
-        Stepping::of(model, self.interval, self.largest_angle, self.grain)
+        self.stepping_by(model, Grain::Fine)
+    }
+
+    /// The same with steps at least as long as those of `grain`.
+    pub fn stepping_by<R: FromF64, P: Power<R>>(
+        &self,
+        model: &Model<R, P>,
+        grain: Grain,
+    ) -> Stepping {
+        Stepping::of(
+            model,
+            self.interval,
+            self.largest_angle,
+            self.grain.max(grain),
+        )
     }
 
     /// The simulated reading of the angle sensor (rad), its zero included.

@@ -21,7 +21,6 @@ use super::filter::Level;
 use super::information::Information;
 use super::nuisance::Nuisance;
 use super::problem::{Compared, Problem};
-use super::subsample::thinned;
 use super::transform::{ParameterTransform, bounds};
 use crate::estimate::checkpoint::{Checkpoint, Ended, fingerprint};
 use crate::statistics::{correlation_time, rms};
@@ -247,13 +246,6 @@ impl Effort {
     }
 }
 
-/// Where a fit to a part of the samples ended.
-struct Near {
-    model: Model<f64>,
-    /// Zeros and initial state of each session.
-    nuisances: Vec<Nuisance>,
-}
-
 /// Fits models to data.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitter<'a> {
@@ -285,67 +277,12 @@ impl<'a> Fitter<'a> {
     /// If no parameter is free, only zeros and initial states are estimated: a plain
     /// comparison.
     pub fn fit(&self, start: &Model<f64>, free: &[ParameterId], effort: Effort) -> Fit {
-        let (problem, patience) = self.begun(start, free, effort, &|| false);
-        let (problem, converged) = problem.solved(patience);
+        let (problem, converged) = self.problem(start, free).solved(effort);
         problem.into_fit(converged, effort)
     }
 
     fn problem(&self, start: &Model<f64>, free: &[ParameterId]) -> Problem<'a> {
         Problem::new(self, start, free, Compared::Fitted).at_level(self.level)
-    }
-
-    /// The problem of a fit where it begins, and the effort that it then takes. A coarse one has
-    /// its steps on the samples that the motion needs, where those are much fewer; it then is a few
-    /// steps from its end on all of them.
-    fn begun(
-        &self,
-        start: &Model<f64>,
-        free: &[ParameterId],
-        effort: Effort,
-        is_interrupted: &dyn Fn() -> bool,
-    ) -> (Problem<'a>, Effort) {
-        const NEAR: Effort = Effort::Steps(4);
-        let problem = self.problem(start, free);
-        let is_far = effort == Effort::Coarse && self.level.is_none() && !free.is_empty();
-        let thinned = || self.on_thinned(start, free, effort, is_interrupted);
-        match is_far.then(thinned).flatten() {
-            Some(near) => {
-                let nearer = problem.at_parameters_of(&near.model);
-                (nearer.with_nuisances(&near.nuisances), NEAR)
-            }
-            None => (problem, effort),
-        }
-    }
-
-    /// Where a fit ends on the samples that the motion needs; none where those are not much fewer.
-    fn on_thinned(
-        &self,
-        start: &Model<f64>,
-        free: &[ParameterId],
-        effort: Effort,
-        is_interrupted: &dyn Fn() -> bool,
-    ) -> Option<Near> {
-        let thin = thinned(self.data, start)?;
-        let fitter = Fitter {
-            data: &thin,
-            ..*self
-        };
-        let (problem, _) = Problem::new(&fitter, start, free, Compared::Fitted)
-            .solved_unless(effort, is_interrupted)?;
-        let mut found = problem.nuisances().into_iter();
-        let sessions = self.data.sessions().iter().enumerate();
-        let nuisances = sessions.map(|(index, session)| {
-            if self.data.fitted_ranges(index).is_empty() {
-                None
-            } else {
-                found.next()
-            }
-            .unwrap_or_else(|| session.guess())
-        });
-        Some(Near {
-            nuisances: nuisances.collect(),
-            model: problem.model(),
-        })
     }
 
     /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept; none if it is interrupted,
@@ -372,8 +309,7 @@ impl<'a> Fitter<'a> {
                 .into_fit(ended.converged, effort);
             return Some(fit);
         }
-        let (problem, patience) = self.begun(start, free, effort, is_interrupted);
-        let (problem, converged) = problem.solved_unless(patience, is_interrupted)?;
+        let (problem, converged) = problem.solved_unless(effort, is_interrupted)?;
         if problem.unknowns() > 0 {
             let position = problem.position().to_vec();
             checkpoint.keep(

@@ -18,7 +18,7 @@ use super::nuisance::{Nuisance, PAST_PLACE, Prior, Shared, UNKNOWNS, ZEROS, wall
 use super::transform::{Limits, ParameterTransform};
 use super::{Dataset, Session};
 use crate::sim::dual::Dual;
-use crate::sim::simulate::{InitialState, Origin, run_from};
+use crate::sim::simulate::{Grain, InitialState, Origin, run_from};
 use crate::statistics::{correlation_time, mean};
 
 impl Effort {
@@ -127,6 +127,11 @@ pub struct Problem<'a> {
     position: DVector<f64>,
     /// The prediction horizon; none for output error.
     level: Option<Level>,
+    /// Length of the steps of simulations with derivatives.
+    grain: Grain,
+    /// Square of the fastest swing (rad²/s²) that is looked for: that of the samples, or where the
+    /// fit starts.
+    fastest: f64,
     /// Factor of the prior rows: the geometric mean of √S, as for the innovations.
     scale: f64,
     /// The triangle of each part at `position`: derivatives, residuals last. None
@@ -179,7 +184,11 @@ impl<'a> Problem<'a> {
                 own,
             });
         }
+        let longest = parts.iter().map(|part| part.session.interval());
+        let shown = std::f64::consts::PI / longest.fold(0.0, f64::max);
+        let angle = data.largest_angle();
         Self {
+            fastest: (shown * shown).max(model.fastest_swing(angle)),
             model: *model,
             data,
             free: free.to_vec(),
@@ -188,6 +197,7 @@ impl<'a> Problem<'a> {
             parts,
             position: DVector::from_vec(position),
             level: None,
+            grain: Grain::Fine,
             scale: 1.0,
             triangles: None,
         }
@@ -208,15 +218,6 @@ impl<'a> Problem<'a> {
                     self.position[first + offset] = value;
                 }
             }
-        }
-        self
-    }
-
-    /// The same problem at the free parameters of another model.
-    pub fn at_parameters_of(mut self, model: &Model<f64>) -> Self {
-        let each = self.free.iter().zip(&self.transforms);
-        for ((&id, transform), position) in each.zip(self.position.iter_mut()) {
-            *position = transform.position(model.value(id).unwrap_or(0.0));
         }
         self
     }
@@ -246,6 +247,7 @@ impl<'a> Problem<'a> {
     pub fn predicted_sse(mut self) -> f64 {
         /// A column without influence must not make the matrix singular.
         const RIDGE: f64 = 1e-9;
+        self.grain = Grain::Coarse;
         self.triangulate();
         let Some(normal) = self.normal() else {
             return f64::INFINITY;
@@ -277,7 +279,14 @@ impl<'a> Problem<'a> {
             return (self, Descent::Converged);
         }
         let (evaluations, tolerance) = effort.patience();
-        let ended = descend(&mut self, evaluations, tolerance, is_interrupted);
+        let mut descent = |grain| {
+            self.grain = grain;
+            descend(&mut self, evaluations, tolerance, is_interrupted)
+        };
+        let mut ended = descent(Grain::Coarse);
+        if effort == Effort::Full && ended != Descent::Interrupted {
+            ended = descent(Grain::Fine);
+        }
         (self, ended)
     }
 
@@ -566,7 +575,7 @@ impl<'a> Problem<'a> {
         };
         let plain: Model<f64> = model.map(|value| value.value());
         let placed = session.placed(model);
-        let stepping = session.stepping(&plain);
+        let stepping = session.stepping_by(&plain, self.grain);
         let reading = run_from(&placed, session.signal(), origin, stepping).reading;
         let slopes = session.prior().deviations();
         let measured = &session.recording().angle;
@@ -687,10 +696,23 @@ impl<'a> Problem<'a> {
         linears
     }
 
+    /// Whether the model swings faster than the samples show. The fit of a wrong structure goes
+    /// there where all forces can grow together beside an inertia that does not show, and each
+    /// evaluation of the model costs a hundred.
+    fn is_faster_than_shown(&self, model: &Model<f64>) -> bool {
+        let swing = model.fastest_swing(self.data.largest_angle());
+        let decay = model.dynamics().damping / model.dynamics().inertia;
+        self.grain == Grain::Coarse && swing > self.fastest && decay * decay < 4.0 * swing
+    }
+
     /// Finds the triangles, one session at a time: the derivatives of all samples of many
     /// sessions would not fit in memory.
     fn triangulate(&mut self) {
         let model = self.model();
+        if self.is_faster_than_shown(&model) {
+            self.triangles = None;
+            return;
+        }
         let found: Option<Vec<(DMatrix<f64>, f64)>> = self
             .parts
             .par_iter()

@@ -81,16 +81,6 @@ pub fn subsample(data: &Dataset, model: &Model<f64>, enough: usize) -> Dataset {
     taken(data, enough, |session| most.min(coarsest(session, model)))
 }
 
-/// All sessions with a fit, each thinned as far as the motion of `model` allows; none where that
-/// leaves more than half of the samples, or too few of them. What it says of the parameters is what
-/// all samples say but for their noise, in a part of the time.
-pub fn thinned(data: &Dataset, model: &Model<f64>) -> Option<Dataset> {
-    let thin = taken(data, usize::MAX, |session| coarsest(session, model));
-    (ENOUGH_TO_RANK..=data.samples() / 2)
-        .contains(&thin.samples())
-        .then_some(thin)
-}
-
 /// Samples that are enough to fit single effects: those of a dozen sessions, thinned.
 pub const ENOUGH_TO_FIT: usize = 8_000;
 

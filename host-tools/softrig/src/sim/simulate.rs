@@ -42,6 +42,9 @@ pub struct Signal {
     slope: Vec<f64>,
     /// The median time between samples (s).
     interval: f64,
+    /// For each sample, the binary logarithm of the number of intervals from there on in which it
+    /// is a straight line, at [`straight`] places.
+    straight: Vec<u8>,
 }
 
 impl Signal {
@@ -54,8 +57,10 @@ impl Signal {
     pub fn new(time: Vec<f64>, value: Vec<f64>) -> Self {
         let slope = slopes(&time, &value);
         let mut steps: Vec<f64> = time.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let interval = crate::statistics::median(&mut steps);
         Self {
-            interval: crate::statistics::median(&mut steps),
+            straight: straight(&time, &value, interval),
+            interval,
             time,
             value,
             slope,
@@ -155,6 +160,77 @@ fn slopes(time: &[f64], value: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// A straight line over a window of samples that has their integral and their first moment.
+#[derive(Clone, Copy)]
+struct Line {
+    /// Value at the beginning of the window (Pa).
+    begin: f64,
+    /// Slope (Pa/s).
+    slope: f64,
+}
+
+impl Line {
+    fn through(time: &[f64], value: &[f64]) -> Self {
+        let weight = |k: usize| {
+            let before = time[k.saturating_sub(1)];
+            0.5 * (time[(k + 1).min(time.len() - 1)] - before)
+        };
+        let mean = |of: &dyn Fn(usize) -> f64| -> f64 {
+            (0..time.len()).map(|k| weight(k) * of(k)).sum::<f64>()
+                / (time[time.len() - 1] - time[0])
+        };
+        let (at, level) = (mean(&|k| time[k] - time[0]), mean(&|k| value[k]));
+        let apart = |k: usize| time[k] - time[0] - at;
+        let slope = mean(&|k| apart(k) * (value[k] - level)) / mean(&|k| apart(k) * apart(k));
+        Self {
+            begin: level - slope * at,
+            slope,
+        }
+    }
+
+    fn at(self, offset: f64) -> f64 {
+        self.begin + self.slope * offset
+    }
+}
+
+/// Longest window (binary logarithm of its intervals) that one step may span.
+const LONGEST_WINDOW: u8 = 6;
+
+/// For each sample, the longest window that begins there in which a signal is a straight line, to
+/// half a percent of its range and its noise: the binary logarithm of its intervals. Windows of 2ᵏ
+/// intervals begin at multiples of 2ᵏ, and none has a gap.
+fn straight(time: &[f64], value: &[f64], interval: f64) -> Vec<u8> {
+    /// Largest distance from the line, as a share of the range. An actuator that a step resolves
+    /// follows a force of this share, of no mean and no first moment, by a thirtieth of it.
+    const SHARE: f64 = 0.005;
+    /// Largest distance from the line, in standard deviations of the noise.
+    const DEVIATIONS: f64 = 3.0;
+    let range = crate::statistics::swing(value);
+    let within = (SHARE * range).max(DEVIATIONS * crate::statistics::noise(time, value));
+    let mut longest = vec![0; value.len()];
+    for power in 1..=LONGEST_WINDOW {
+        let span = 1 << power;
+        for begin in (0..value.len().saturating_sub(span)).step_by(span) {
+            // What holds a bend or a gap in its halves has it as a whole.
+            let half = span / 2;
+            if longest[begin] + 1 < power || longest[begin + half] + 1 < power {
+                continue;
+            }
+            let window = begin..=begin + span;
+            let (time, value) = (&time[window.clone()], &value[window]);
+            let is_even = time
+                .windows(2)
+                .all(|pair| pair[1] - pair[0] <= 1.5 * interval);
+            let line = Line::through(time, value);
+            let mut each = time.iter().zip(value);
+            if is_even && each.all(|(t, p)| (line.at(t - time[0]) - p).abs() <= within) {
+                longest[begin] = power;
+            }
+        }
+    }
+    longest
+}
+
 /// Scalars that recorded numbers can become.
 pub trait FromF64: Real {
     /// Converts a recorded number.
@@ -222,6 +298,22 @@ impl<R: Real + FromF64> Input<R> for Around<'_, R> {
     }
 }
 
+/// The pressure of a window that is a straight line.
+struct Along<R> {
+    line: Line,
+    /// Time from the begin of the window to the start of the step (s).
+    begin: R,
+    /// The zero of the pressure sensor (Pa).
+    zero: R,
+}
+
+impl<R: Real + FromF64> Input<R> for Along<R> {
+    fn pressure(&self, offset: R) -> R {
+        let offset = self.begin + offset;
+        offset.chain(self.line.at(offset.to_f64()), self.line.slope) - self.zero
+    }
+}
+
 /// Where a run starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InitialState<R> {
@@ -266,22 +358,51 @@ pub struct Stepping {
     pub friction: Option<Friction>,
     /// How many fewer do where the motion is slow.
     pub winding: Option<Winding>,
+    /// Where steps follow the motion.
+    needs: Option<Needs>,
+}
+
+/// Parts of the range of angles in which the steps differ.
+const PARTS: usize = 8;
+
+/// Steps that a usual interval needs at angles up to the end of each part of the range. Below one,
+/// a step may span several intervals in which the pressure is a straight line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Needs {
+    /// Largest angle (rad).
+    angle: f64,
+    /// All that the model does.
+    all: [f64; PARTS],
+    /// Without what a friction does at rest, and a loop that is wound.
+    smooth: [f64; PARTS],
+}
+
+impl Needs {
+    /// The part of the range to which an angle (rad) belongs.
+    fn part(&self, angle: f64) -> usize {
+        // Clamped to the number of parts.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let part = (angle.abs() / self.angle * PARTS as f64)
+            .clamp(1.0, PARTS as f64)
+            .ceil();
+        part as usize - 1
+    }
 }
 
 /// A hysteresis relaxes as fast as it is wound, so that its steps follow the rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Winding {
-    /// Integration steps in a usual interval at rest.
-    still: usize,
+    /// Integration steps that a usual interval needs at rest.
+    still: f64,
     /// Steps that its relaxation needs for each rad/s.
     per_rate: f64,
 }
 
 impl Winding {
-    /// Steps in a usual interval that begins at a rate (rad/s), which half as much again does not
-    /// make wrong.
-    fn steps(self, rate: f64) -> usize {
-        self.still.max(count(1.5 * self.per_rate * rate.abs()))
+    /// Steps that its relaxation needs in a usual interval which begins at a rate (rad/s), which
+    /// half as much again does not make wrong.
+    fn needs(self, rate: f64) -> f64 {
+        1.5 * self.per_rate * rate.abs()
     }
 }
 
@@ -291,16 +412,31 @@ impl Winding {
 pub struct Friction {
     /// Rate (rad/s) up to which every friction sticks.
     sticks: f64,
-    /// Exponential steps in a usual interval there.
-    sticking: usize,
+    /// Exponential steps that a usual interval needs there.
+    sticking: f64,
     /// Rate (rad/s) from which all of them slide.
     slides: f64,
-    /// Integration steps in a usual interval there.
-    sliding: usize,
+    /// Integration steps that a usual interval needs there.
+    sliding: f64,
 }
 
+impl Friction {
+    /// Slope at a rate (rad/s) relative to that at rest: of the sign, and of what falls where it is
+    /// saturated, which is a tenth as steep at most.
+    fn steepness(self, rate: f64) -> f64 {
+        /// Multiple of the rate below which the sign is one of a viscous damping.
+        const STICKS: f64 = 0.5;
+        const FALLING: f64 = 0.1;
+        let fast = libm::exp(-2.0 * rate.abs() * STICKS / self.sticks);
+        (4.0 * fast / (1.0 + fast).powi(2)).max(FALLING)
+    }
+}
+
+/// Exponential steps in which a friction that sticks follows a pressure that changes.
+const STICKING: usize = 4;
+
 /// How finely an oscillation is resolved. RK4 loses phase as (ωh)⁴/120.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Grain {
     /// A fifth of a radian a step: the phase is kept within 2·10⁻⁵.
     #[default]
@@ -333,6 +469,7 @@ impl Stepping {
             substeps,
             friction: None,
             winding: None,
+            needs: None,
         }
     }
 
@@ -347,25 +484,40 @@ impl Stepping {
         grain: Grain,
     ) -> Self {
         let damping = damping_rate(model);
-        let rates = upper(model.fastest_rate(R::from_f64(angle)));
+        let rates_at = |angle: f64| upper(model.fastest_rate(R::from_f64(angle)));
+        let rates = rates_at(angle);
         let stepping = Self::resolving(damping, rates, interval, grain);
-        let [stiffness, all] = rates;
-        let without = |relaxation: R| {
-            let others = [stiffness, (all - relaxation.to_f64()).max(0.0)];
-            match stepping.scheme {
-                Scheme::ExponentialHeun => exponential(damping, others, interval),
-                _ => runge_kutta(others, interval, grain),
-            }
+        let needed = |rates| match stepping.scheme {
+            Scheme::ExponentialHeun => exponential(damping, rates, interval),
+            _ => runge_kutta(rates, interval, grain),
         };
+        let lower = |[stiffness, all]: [f64; 2], by: R| [stiffness, (all - by.to_f64()).max(0.0)];
+        let without = |relaxation: R| needed(lower(rates, relaxation));
+        let signs = model.signs();
+        let winding = model.winding(R::from_f64(angle));
+        let needs = (grain == Grain::Coarse).then(|| {
+            let each =
+                std::array::from_fn(|part| rates_at(angle * (part + 1) as f64 / PARTS as f64));
+            let sudden = match (&signs, winding) {
+                (Some(sign), _) => sign.relaxation,
+                (None, Some([_, together])) => together,
+                (None, None) => R::zero(),
+            };
+            Needs {
+                angle,
+                all: each.map(needed),
+                smooth: each.map(|rates| needed(lower(rates, sudden))),
+            }
+        });
         Self {
-            friction: model.signs().map(|sign| Friction {
+            needs,
+            friction: signs.map(|sign| Friction {
                 sticks: 0.5 * sign.width.to_f64(),
-                // The creep of a smoothed sign follows the pressure within an interval.
-                sticking: exponential(damping + sign.relaxation.to_f64(), rates, interval).max(4),
+                sticking: exponential(damping + sign.relaxation.to_f64(), rates, interval),
                 slides: sign.saturated.to_f64(),
                 sliding: without(sign.relaxation),
             }),
-            winding: model.winding(R::from_f64(angle)).map(|[each, together]| {
+            winding: winding.map(|[each, together]| {
                 let steps_each = match stepping.scheme {
                     Scheme::ExponentialHeun => 2.0,
                     _ => 0.5,
@@ -388,20 +540,27 @@ impl Stepping {
     }
 
     fn resolving(damping: f64, rates: [f64; 2], interval: f64, grain: Grain) -> Self {
-        let short = runge_kutta(rates, interval, grain);
-        let long = exponential(damping, rates, interval);
+        let short_needed = runge_kutta(rates, interval, grain);
+        let long_needed = exponential(damping, rates, interval);
+        let (short, long) = (count(short_needed), count(long_needed));
         // Two evaluations a step instead of four.
-        let is_exponential = damping * damping > 4.0 * rates[0] && long < short && short > 2;
-        let (scheme, substeps) = if is_exponential {
-            (Scheme::ExponentialHeun, long)
+        let is_cheaper = if grain == Grain::Coarse {
+            long_needed < 2.0 * short_needed
         } else {
-            (Scheme::Rk4, short)
+            long < short && short > 2
+        };
+        let is_exponential = damping * damping > 4.0 * rates[0] && is_cheaper;
+        let (scheme, needed) = if is_exponential {
+            (Scheme::ExponentialHeun, long_needed)
+        } else {
+            (Scheme::Rk4, short_needed)
         };
         Self {
             scheme,
-            substeps,
+            substeps: count(needed),
             friction: None,
             winding: None,
+            needs: None,
         }
     }
 }
@@ -432,19 +591,19 @@ fn upper<R: FromF64>(rates: Rates<R>) -> [f64; 2] {
 /// within a few steps; nobody sees their course.
 pub fn substeps<R: FromF64, P: Power<R>>(model: &Model<R, P>, interval: f64, angle: f64) -> usize {
     let rates = upper(model.fastest_rate(R::from_f64(angle)));
-    runge_kutta(rates, interval, Grain::Fine)
+    count(runge_kutta(rates, interval, Grain::Fine))
 }
 
 /// Exponential steps about a decay (1/s) that resolve the slow motion and the other rates.
-fn exponential(decay: f64, [stiffness, relaxation]: [f64; 2], interval: f64) -> usize {
+fn exponential(decay: f64, [stiffness, relaxation]: [f64; 2], interval: f64) -> f64 {
     let others = (relaxation - decay).max(0.0);
-    count((stiffness / decay * interval / SLOW).max(2.0 * others * interval))
+    (stiffness / decay * interval / SLOW).max(2.0 * others * interval)
 }
 
 /// Runge–Kutta steps.
-fn runge_kutta([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> usize {
+fn runge_kutta([stiffness, relaxation]: [f64; 2], interval: f64, grain: Grain) -> f64 {
     let oscillation = stiffness.sqrt() * interval / grain.angle_a_step();
-    count(oscillation.max(relaxation * interval / 2.0))
+    oscillation.max(relaxation * interval / 2.0)
 }
 
 /// This many steps, at least one and at most [`MOST_SUBSTEPS`].
@@ -473,6 +632,109 @@ fn across(interval: f64, usual: f64, substeps: usize) -> usize {
     more
 }
 
+/// Why an interval may be crossed in few steps.
+#[derive(Clone, Copy)]
+enum Why<R> {
+    /// Nothing sudden is in the model.
+    Even,
+    /// All frictions slide, in the direction of this sign.
+    Sliding(f64),
+    /// All frictions stick, which is a decay of the rate (1/s).
+    Sticking(R),
+    /// What winds up does so slowly.
+    Winding,
+    /// A friction turns, in the direction of this sign, where it is less steep than at rest.
+    Turning(f64),
+}
+
+/// The course of an interval that is crossed in few steps.
+#[derive(Clone, Copy)]
+struct Course<R> {
+    why: Why<R>,
+    /// Steps that a usual interval needs.
+    needed: f64,
+    /// The part of the range of angles that it stays in.
+    part: usize,
+}
+
+impl<R: FromF64> Course<R> {
+    /// The course from a state on for a time (s); none if it takes the small steps.
+    fn of<P: Power<R>>(
+        model: &Model<R, P>,
+        stepping: &Stepping,
+        state: &State<R>,
+        time: f64,
+    ) -> Option<Self> {
+        let [angle, rate] = [state.angle, state.rate].map(R::to_f64);
+        let farthest = angle.abs().max((angle + rate * time).abs());
+        let part = stepping.needs.map_or(PARTS - 1, |it| it.part(farthest));
+        let smooth = |whole| stepping.needs.map_or(whole, |it| it.smooth[part]);
+        let course = |why, needed| Some(Self { why, needed, part });
+        if let Some(friction) = stepping.friction {
+            if rate.abs() > friction.slides {
+                return course(Why::Sliding(rate.signum()), smooth(friction.sliding));
+            }
+            if rate.abs() < friction.sticks {
+                let sign = model.signs()?;
+                let damping = model.dynamics().damping / model.dynamics().inertia;
+                return course(Why::Sticking(damping + sign.relaxation), friction.sticking);
+            }
+            let needs = stepping.needs?;
+            let needed = needs.all[part] * friction.steepness(rate);
+            return course(Why::Turning(rate.signum()), needed.max(needs.smooth[part]));
+        }
+        match (stepping.winding, stepping.needs) {
+            (Some(winding), _) => {
+                course(Why::Winding, smooth(winding.still).max(winding.needs(rate)))
+            }
+            (None, Some(needs)) => course(Why::Even, needs.all[part]),
+            (None, None) => None,
+        }
+    }
+
+    /// Whether it was one still where it arrived.
+    fn holds(&self, stepping: &Stepping, arrived: &State<R>) -> bool {
+        let rate = arrived.rate.to_f64();
+        let of_friction = |holds: fn(Friction, f64) -> bool, value| {
+            stepping.friction.is_some_and(|it| holds(it, value))
+        };
+        let angle = arrived.angle.to_f64();
+        stepping.needs.is_none_or(|it| it.part(angle) <= self.part)
+            && match self.why {
+                Why::Even => true,
+                Why::Sliding(sign) => of_friction(|it, rate| rate > it.slides, sign * rate),
+                Why::Sticking(_) => of_friction(|it, rate| rate < it.sticks, rate.abs()),
+                Why::Turning(sign) => {
+                    stepping
+                        .friction
+                        .zip(stepping.needs)
+                        .is_some_and(|(it, needs)| {
+                            let needed = needs.all[self.part] * it.steepness(rate);
+                            sign * rate > 0.0 && count(needed) <= 2 * count(self.needed)
+                        })
+                }
+                Why::Winding => stepping.winding.is_some_and(|winding| {
+                    count(winding.still.max(winding.needs(rate))) <= 2 * count(self.needed)
+                }),
+            }
+    }
+
+    /// Fewest steps.
+    const fn least(&self) -> usize {
+        match self.why {
+            Why::Sticking(_) => STICKING,
+            _ => 1,
+        }
+    }
+
+    fn how(&self, stepping: &Stepping) -> How<R> {
+        match self.why {
+            Why::Sticking(decay) => How::About(decay),
+            _ => How::By(stepping.scheme),
+        }
+    }
+}
+
 /// Advances `state` from the sample before `sample` to it; how many evaluations of the model that
 /// took.
 pub fn advance<R: FromF64, P: Power<R>>(
@@ -483,47 +745,31 @@ pub fn advance<R: FromF64, P: Power<R>>(
     stepping: Stepping,
     state: &mut State<R>,
 ) -> usize {
-    let by_scheme = How::By(stepping.scheme);
-    let small = (by_scheme, stepping.substeps);
-    if stepping.friction.is_none() && stepping.winding.is_none() {
-        return cross(model, signal, sample, zero, small, state);
-    }
-    let before = *state;
-    let rate = before.rate.to_f64();
+    let interval = signal.time[sample] - signal.time[sample - 1];
+    let around = |begin: f64| Around {
+        signal,
+        start: sample - 1,
+        begin: R::from_f64(begin),
+        zero,
+    };
+    let cross = |how, usual_steps: usize, state: &mut State<R>| {
+        let steps = across(interval, signal.usual_interval(), usual_steps);
+        crossed(model, how, (interval, steps), &around, state)
+    };
     let mut evaluations = 0;
-    // In few steps, where `is_enough` for what came of it.
-    let mut in_few = |how, few: usize, is_enough: &dyn Fn(f64) -> bool| {
-        evaluations += cross(model, signal, sample, zero, (how, few), state);
-        is_enough(state.rate.to_f64())
-    };
-    let is_done = if let Some(friction) = stepping.friction {
-        if rate.abs() > friction.slides && friction.sliding < stepping.substeps {
-            let slides = |after: f64| rate.signum() * after > friction.slides;
-            in_few(by_scheme, friction.sliding, &slides)
-        } else if rate.abs() < friction.sticks
-            && friction.sticking < stepping.substeps
-            && let Some(sign) = model.signs()
-        {
-            let damping = model.dynamics().damping / model.dynamics().inertia;
-            let decay = damping + sign.relaxation;
-            let sticks = |after: f64| after.abs() < friction.sticks;
-            in_few(How::About(decay), friction.sticking, &sticks)
-        } else {
-            false
+    if let Some(course) = Course::of(model, &stepping, state, interval) {
+        let few = count(course.needed).max(course.least());
+        if few < stepping.substeps {
+            let mut arrived = *state;
+            evaluations += cross(course.how(&stepping), few, &mut arrived);
+            if course.holds(&stepping, &arrived) {
+                *state = arrived;
+                return evaluations;
+            }
         }
-    } else if let Some(winding) = stepping.winding {
-        let few = winding.steps(rate);
-        let is_slow = |after: f64| winding.steps(after) <= 2 * few;
-        few < stepping.substeps && in_few(by_scheme, few, &is_slow)
-    } else {
-        false
-    };
-    if !is_done {
-        // It turned, broke loose or got going: once more, in small steps.
-        *state = before;
-        evaluations += cross(model, signal, sample, zero, small, state);
     }
-    evaluations
+    // It turned, broke loose or got going, or nothing needs fewer.
+    evaluations + cross(How::By(stepping.scheme), stepping.substeps, state)
 }
 
 /// How a step is taken.
@@ -534,35 +780,95 @@ enum How<R> {
     About(R),
 }
 
-/// Advances `state` by an interval, in so many steps if it is a usual one.
-fn cross<R: FromF64, P: Power<R>>(
+/// Advances `state` by an interval (s) in so many steps, under what acts from an instant on.
+fn crossed<R: FromF64, P: Power<R>, I: Input<R>>(
     model: &Model<R, P>,
-    signal: &Signal,
-    sample: usize,
-    zero: R,
-    (how, substeps): (How<R>, usize),
+    how: How<R>,
+    (interval, steps): (f64, usize),
+    acting: &impl Fn(f64) -> I,
     state: &mut State<R>,
 ) -> usize {
-    let interval = signal.time[sample] - signal.time[sample - 1];
-    let substeps = across(interval, signal.usual_interval(), substeps);
-    let dt = R::from_f64(interval / substeps as f64);
-    for part in 0..substeps {
-        let around = Around {
-            signal,
-            start: sample - 1,
-            begin: R::from_f64(interval * part as f64 / substeps as f64),
-            zero,
-        };
+    let dt = R::from_f64(interval / steps as f64);
+    for part in 0..steps {
+        let input = acting(interval * part as f64 / steps as f64);
         match how {
-            How::By(scheme) => step(scheme, model, state, &around, dt),
-            How::About(decay) => step_about(decay, model, state, &around, dt),
+            How::By(scheme) => step(scheme, model, state, &input, dt),
+            How::About(decay) => step_about(decay, model, state, &input, dt),
         }
     }
-    substeps
+    steps
         * match how {
             How::By(scheme) => evaluations_of(scheme),
             How::About(_) => evaluations_of(Scheme::ExponentialHeun),
         }
+}
+
+/// Whether steps of a model may span several samples: not under a delayed pressure, whose bends
+/// lie elsewhere, and not where the reading has states of its own, which nothing interpolates.
+fn spans<R: FromF64, P: Power<R>>(model: &Model<R, P>, state: &State<R>) -> bool {
+    let moved = State {
+        hidden: state.hidden.map(|slot| slot.map(|value| value + R::one())),
+        ..*state
+    };
+    let reading = |state| model.reading(state).to_f64();
+    reading(state) == reading(&moved) && model.delay().to_f64() == 0.0
+}
+
+/// Advances `state` over as many samples from `from` on as few steps may span, and what the sensor
+/// shows at each; none, with the evaluations in vain, where small steps are needed.
+fn glide<R: FromF64, P: Power<R>>(
+    model: &Model<R, P>,
+    signal: &Signal,
+    from: usize,
+    zero: R,
+    stepping: &Stepping,
+    state: &mut State<R>,
+    reading: &mut Vec<R>,
+) -> usize {
+    let longest = 1 << signal.straight[from];
+    let spanning = |span: usize| {
+        let whole = signal.time[from + span] - signal.time[from];
+        Course::of(model, stepping, state, whole)
+            .filter(|course| span as f64 * course.needed <= course.least() as f64)
+            .map(|course| (span, course))
+    };
+    let spans = (1..)
+        .map(|power| 1 << power)
+        .take_while(|&span| span <= longest);
+    let Some((span, course)) = spans.map_while(spanning).last() else {
+        return 0;
+    };
+    let window = from..=from + span;
+    let time = &signal.time[window.clone()];
+    let line = Line::through(time, &signal.value[window]);
+    let along = |begin: f64| Along {
+        line,
+        begin: R::from_f64(begin),
+        zero,
+    };
+    let whole = time[span] - time[0];
+    let mut arrived = *state;
+    let how = course.how(stepping);
+    let evaluations = crossed(model, how, (whole, course.least()), &along, &mut arrived);
+    if !course.holds(stepping, &arrived) || is_lost(arrived.angle) {
+        return evaluations;
+    }
+    let mut between = *state;
+    for at in &time[1..span] {
+        // The cubic through both angles with both rates.
+        let u = (at - time[0]) / whole;
+        let v = 1.0 - u;
+        let times = |value: R, factor: f64| value.chain(value.to_f64() * factor, factor);
+        between.time = state.time + R::from_f64(at - time[0]);
+        between.angle = times(state.angle, v * v * (1.0 + 2.0 * u))
+            + times(state.rate, whole * u * v * v)
+            + times(arrived.angle, u * u * (1.0 + 2.0 * v))
+            + times(arrived.rate, -whole * u * u * v);
+        reading.push(model.reading(&between));
+    }
+    reading.push(model.reading(&arrived));
+    *state = arrived;
+    evaluations
 }
 
 /// Whether an angle (rad) has left all bounds.
@@ -651,9 +957,26 @@ pub fn run_as_it_is<R: FromF64, P: Power<R>>(
     reading.push(model.reading(&state));
     let mut diverged = false;
     let mut evaluations = 0;
-    for sample in 1..signal.time.len() {
+    let zero = origin.pressure_zero;
+    let spans = stepping.needs.is_some() && spans(model, &state);
+    while reading.len() < signal.time.len() {
+        let sample = reading.len();
         if !diverged {
-            let zero = origin.pressure_zero;
+            if spans {
+                let from = sample - 1;
+                evaluations += glide(
+                    model,
+                    signal,
+                    from,
+                    zero,
+                    &stepping,
+                    &mut state,
+                    &mut reading,
+                );
+                if reading.len() > sample {
+                    continue;
+                }
+            }
             evaluations += advance(model, signal, sample, zero, stepping, &mut state);
             diverged = is_lost(state.angle);
         }
@@ -768,7 +1091,7 @@ mod tests {
             };
             let stepping = Stepping::of(&model, 0.02, 3.0, Grain::Fine);
             let friction = stepping.friction.unwrap();
-            assert!(stepping.substeps > 2 * friction.sticking.max(friction.sliding));
+            assert!(stepping.substeps > 2 * count(friction.sticking.max(friction.sliding)));
             let reference = run_from(&model, &signal, origin, Stepping::runge_kutta(512));
             let error_deg = |stepping| {
                 run_from(&model, &signal, origin, stepping)

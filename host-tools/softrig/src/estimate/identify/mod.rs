@@ -43,7 +43,7 @@ const CHOSEN: usize = 10;
 /// Steps of these fits.
 const COARSE: Effort = Effort::Steps(12);
 
-/// Minima that are fitted to all data.
+/// Minima that are fitted to their ends.
 const FINALISTS: usize = 3;
 
 /// Two fits are one if their curves differ by at most this share of their error.
@@ -132,8 +132,8 @@ impl Identifier<'_> {
         let [thin, part] = [ENOUGH_TO_RANK, ENOUGH_TO_FIT].map(|most| reduced(self.data, most));
         let mut minima = self.coarse(&thin, &part, exponents);
         distinct(&mut minima, SAME, FINALISTS);
-        let fitter = Fitter::new(self.model, self.data);
-        let fitted = |starts: Vec<Fit>, effort: Effort| -> Vec<Fit> {
+        let fitted = |starts: Vec<Fit>, data: &Dataset, effort: Effort| -> Vec<Fit> {
+            let fitter = Fitter::new(self.model, data);
             let mut fits: Vec<Fit> = starts
                 .into_par_iter()
                 .map(|start| fitter.fit(&start.model, self.free, effort))
@@ -142,12 +142,12 @@ impl Identifier<'_> {
             fits.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
             fits
         };
-        // Only what is still near the best after some steps is worth more of them.
-        let mut near = fitted(minima, Effort::Coarse);
+        // Only what is still near the best after more steps is fitted to everything.
+        let mut near = fitted(minima, &part, Effort::Coarse);
         let most = NEAR * near.first()?.cost();
         near.retain(|fit| fit.cost() <= most);
         distinct(&mut near, SAME, FINALISTS);
-        let mut fits = fitted(near, Effort::Full);
+        let mut fits = fitted(near, self.data, Effort::Full);
         distinct(&mut fits, SAME, FINALISTS);
         let mut fits = fits.into_iter();
         let fit = fits.next()?;
