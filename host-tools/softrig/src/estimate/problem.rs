@@ -279,13 +279,21 @@ impl<'a> Problem<'a> {
             return (self, Descent::Converged);
         }
         let (evaluations, tolerance) = effort.patience();
-        let mut descent = |grain| {
-            self.grain = grain;
-            descend(&mut self, evaluations, tolerance, is_interrupted)
+        // A model as it is is compared as exactly as it is shown; one on its way is not.
+        let grains: &[Grain] = if self.free.is_empty() {
+            &[Grain::Fine]
+        } else if effort == Effort::Full {
+            &[Grain::Coarse, Grain::Fine]
+        } else {
+            &[Grain::Coarse]
         };
-        let mut ended = descent(Grain::Coarse);
-        if effort == Effort::Full && ended != Descent::Interrupted {
-            ended = descent(Grain::Fine);
+        let mut ended = Descent::Converged;
+        for &grain in grains {
+            self.grain = grain;
+            ended = descend(&mut self, evaluations, tolerance, is_interrupted);
+            if ended == Descent::Interrupted {
+                break;
+            }
         }
         (self, ended)
     }
