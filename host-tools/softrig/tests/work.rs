@@ -13,10 +13,10 @@ use softrig_formats::recording::Recording;
 /// What is hidden, and millions of evaluations that its diagnosis may take: on numbers, and with
 /// derivatives. A tenth more than it takes.
 const MOST: [(Hidden, f64, f64); 4] = [
-    (Hidden::Nothing, 5.8, 10.4),
-    (Hidden::Effect(Kind::QuadraticDamping), 5.4, 21.8),
-    (Hidden::Effect(Kind::MaxwellBranch), 4.7, 22.0),
-    (Hidden::Effect(Kind::BoucWenHysteresis), 6.2, 40.6),
+    (Hidden::Nothing, 1.5, 6.5),
+    (Hidden::Effect(Kind::QuadraticDamping), 4.2, 14.3),
+    (Hidden::Effect(Kind::MaxwellBranch), 3.3, 14.0),
+    (Hidden::Effect(Kind::BoucWenHysteresis), 4.3, 21.6),
 ];
 
 #[test]
