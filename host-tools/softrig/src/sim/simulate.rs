@@ -380,13 +380,11 @@ struct Needs {
 impl Needs {
     /// The part of the range to which an angle (rad) belongs.
     fn part(&self, angle: f64) -> usize {
-        let part = (angle.abs() / self.angle * PARTS as f64)
-            .clamp(1.0, PARTS as f64)
-            .ceil();
-        // Clamped to the number of parts.
+        let part = (angle.abs() / self.angle * PARTS as f64).ceil();
+        // What is not a number is 0, and what is beyond the last part is clamped.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let part = part as usize;
-        part - 1
+        part.clamp(1, PARTS) - 1
     }
 }
 
