@@ -282,7 +282,7 @@ impl<'a> Problem<'a> {
         // A model as it is is compared as exactly as it is shown; one on its way is not.
         let grains: &[Grain] = if self.free.is_empty() {
             &[Grain::Fine]
-        } else if effort == Effort::Full {
+        } else if effort == Effort::Full && self.level.is_none() {
             &[Grain::Coarse, Grain::Fine]
         } else {
             &[Grain::Coarse]
