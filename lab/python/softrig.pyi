@@ -411,6 +411,10 @@ class Progress:
         """Finished fits of all steps."""
 
     @property
+    def share(self) -> float:
+        """Share of the whole that is done, by what its stages usually take."""
+
+    @property
     def elapsed_s(self) -> float: ...
     @property
     def remaining_s(self) -> float | None:

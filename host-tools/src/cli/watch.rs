@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use indicatif::ProgressBar;
+use indicatif::{ProgressBar, ProgressStyle};
 
 use softrig::diagnose::progress::State;
 use softrig::diagnose::{Budget, Progress};
@@ -90,6 +90,7 @@ impl Display {
                 let state = progress.state();
                 match &spinner {
                     Some(spinner) => {
+                        spinner.set_position(per_mille(state.share));
                         spinner.set_message(printable(&lines(&state)).into_owned());
                         spinner.tick();
                     }
@@ -113,9 +114,24 @@ impl Display {
     }
 }
 
-/// A spinner on stderr; none if that is no terminal, or one that cannot erase.
+/// A share of the whole on the bar.
+fn per_mille(share: f64) -> u64 {
+    // Within the bar by the clamp.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let position = (share.clamp(0.0, 1.0) * WHOLE as f64).round() as u64;
+    position
+}
+
+/// Steps of the bar.
+const WHOLE: u64 = 1000;
+
+/// A spinner and a bar over the whole work on stderr; none if that is no terminal, or one that
+/// cannot erase.
 fn spinner() -> Option<ProgressBar> {
-    let spinner = ProgressBar::new_spinner();
+    let spinner = ProgressBar::new(WHOLE);
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {bar:24} {percent:>3} %  {msg}") {
+        spinner.set_style(style.progress_chars("━╸─"));
+    }
     let is_dumb = std::env::var_os("TERM").map_or(cfg!(unix), |term| term == "dumb");
     (!spinner.is_hidden() && !is_dumb).then_some(spinner)
 }

@@ -15,6 +15,8 @@ pub struct Progress {
     planned: usize,
     /// Finished fits of all steps.
     fits: usize,
+    /// Share of the whole that is done, by what its stages usually take.
+    share: f64,
     /// Time since the beginning (s).
     elapsed_s: f64,
     /// How long the present step still takes (s); None if that cannot be said yet.
@@ -32,6 +34,7 @@ impl Progress {
             done: state.done,
             planned: state.planned,
             fits: state.fits,
+            share: state.share,
             elapsed_s: state.elapsed.as_secs_f64(),
             remaining_s: state.remaining().map(|left| left.as_secs_f64()),
             best: state.best.as_ref().map(ToString::to_string),

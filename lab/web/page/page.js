@@ -413,12 +413,7 @@ async function diagnose() {
     $("stage").textContent = progress.stage;
     $("how-far").textContent = progress.how_far;
     $("best").textContent = best = progress.best;
-    if (progress.planned) {
-      $("bar").max = progress.planned;
-      $("bar").value = progress.done;
-    } else {
-      $("bar").removeAttribute("value");
-    }
+    $("bar").value = progress.share;
   };
   try {
     const question = { ask: "diagnose", layout: layout(), holdout: [...heldOut], tolerance_deg: typed("tolerance", "tolerance"), seed: typed("seed", "seed") ?? 1 };

@@ -100,8 +100,7 @@ fn watched() -> Progress {
             "stage": state.stage,
             "how_far": state.how_far(),
             "best": state.best_so_far(),
-            "done": state.done,
-            "planned": state.planned,
+            "share": state.share,
         })
         .to_string();
         if !go_on(text.as_ptr(), text.len()) {

@@ -11,6 +11,7 @@ use super::identifiability::{self, Identifiability, Refitted};
 use super::measure::excess;
 use super::noise::{NoiseFloor, adequate};
 use super::policy::{Policy, Search};
+use super::progress::Stage;
 use super::validation::CrossValidator;
 use super::{Progress, Request};
 use crate::estimate::Dataset;
@@ -40,6 +41,9 @@ pub struct Baseline {
     pub floor: NoiseFloor,
 }
 
+/// Multiple of the largest angle beyond which a simulation has left the recordings.
+const FAR: f64 = 100.0;
+
 impl Baseline {
     /// Refits the nominal structure.
     ///
@@ -52,9 +56,13 @@ impl Baseline {
         floor: &NoiseFloor,
         progress: &Progress,
     ) -> Result<Self, InputError> {
-        progress.stage("refit of the nominal structure", 0);
+        progress.stage(Stage::Refit, 0);
         let nominal = &request.file.model;
         let fitter = Fitter::new(nominal, data);
+        let supplied = fitter.compare(nominal);
+        // A simulation that diverges misses by nothing that means anything.
+        let misses = Some(supplied.rmse()).filter(|it| *it < FAR * data.largest_angle());
+        progress.knows(|known| known.supplied = misses);
         let Refitted {
             refit,
             file,
@@ -69,6 +77,7 @@ impl Baseline {
                 )
                 .in_file(&request.file.path)
             })?;
+        progress.knows(|known| known.refit = Some(refit.fit.rmse()));
         let data = with_guesses(data, &refit.fit);
         let guessed = Fitter::new(nominal, &data);
         Ok(Self {
@@ -77,7 +86,7 @@ impl Baseline {
                 .seen_by(&refit.fit, &data)
                 .at_most(refit.fit.rmse())
                 .with_input(&guessed, &refit.fit),
-            nominal: fitter.compare(nominal),
+            nominal: supplied,
             refit,
             file,
             identified,

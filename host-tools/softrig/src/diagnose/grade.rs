@@ -16,7 +16,7 @@ use super::measure::{Baseline, MeasureContext, Measured};
 use super::noise::NoiseFloor;
 use super::pairs;
 use super::policy::{Policy, Search};
-use super::score::Guesses;
+use super::progress::Stage;
 use super::validation::CrossValidator;
 use crate::estimate::fit::{Effort, Fit};
 
@@ -80,7 +80,7 @@ impl Graded {
         let executor = &context.executor;
         executor
             .progress()
-            .stage("final fits of the best combinations", rows.len());
+            .stage(Stage::FinalCombinations, rows.len());
         rows.par_iter()
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
@@ -108,7 +108,7 @@ pub fn grade(
     let policy = &Policy::STANDARD;
     let noise = floor.total();
     let levels = Levels::of(*context, refit, noise);
-    progress.stage("nominal structure at several horizons", 0);
+    progress.stage(Stage::Horizons, 0);
     let base = executor.reached(SearchPart::Horizons, levels.base(refit))?;
     let in_turn = validator
         .in_turn()
@@ -131,15 +131,11 @@ pub fn grade(
         kinds,
         measured: Vec::new(),
     };
-    progress.stage(format!("{} effects at several horizons", kinds.len()), 0);
-    let nothing = Base {
-        estimate: &base,
-        at: screened,
-        beside: Guesses::default(),
-    };
+    progress.stage(Stage::Effects, 0);
+    let nothing = levels.lead(&base, screened, kinds);
     search.extend(&[nothing], coarse);
     if !search.leaves_noise(1, noise) && progress.may_begin(SearchPart::Combinations) {
-        progress.stage("combinations of 2 effects at several horizons", 0);
+        progress.stage(Stage::Combinations, 0);
         let leads = search.leads(1);
         let leads: Vec<Base<'_>> = leads
             .iter()

@@ -77,6 +77,7 @@ use localise::{Gap, localise};
 use noise::{NoiseFloor, adequate};
 use plan::{Limits, Proposal};
 pub use progress::Progress;
+use progress::Stage;
 use quality::Concern;
 use search::{Options, Searched, search};
 use selection::{FittedStructure, Selection};
@@ -205,7 +206,7 @@ pub fn diagnose_from(
     let mut too_many = Vec::new();
     let [fitted, held_out] = match progress.time() {
         Some(time) => {
-            progress.stage("how many samples the time is enough for", 0);
+            progress.stage(Stage::Affordable, 0);
             let (model, free) = (&request.file.model, request.file.free.as_slice());
             let samples = affordable(model, free, request.recordings, time);
             files.map(|recordings| {
@@ -329,10 +330,9 @@ fn diagnose_all(
     checkpoint: &Checkpoint,
     progress: &Progress,
 ) -> Result<Found, InputError> {
-    progress.stage("quality of the recordings", 0);
+    progress.stage(Stage::Quality, 0);
     let (floor, mut concerns) = examined(data)?;
     let baseline = Baseline::of(request, data, &floor, progress)?;
-    progress.refitted(baseline.refit.fit.rmse());
     let options = Options {
         checkpoint,
         progress,
@@ -358,9 +358,9 @@ fn diagnose_all(
     let fitter = Fitter::new(&file.model, &data);
     let mut validator = CrossValidator::new(file, &fitter, floor.input).beside(nominal.model);
     validator.raise_floor(floor.rms);
-    progress.stage("where the gap lives", 0);
+    progress.stage(Stage::Gap, 0);
     let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
-    progress.stage("validation as the board predicts", 0);
+    progress.stage(Stage::Board, 0);
     let held_out = validator.errors(&refit, &found.repaired);
     let is_adequate = adequate(&found.repaired.fit, &floor);
     let adequacy = Adequacy {

@@ -17,8 +17,7 @@ use crate::estimate::Nuisance;
 use crate::estimate::fit::Fitter;
 use crate::portable::product;
 
-use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
-use super::score::Guesses;
+use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts};
 
 /// Initial guesses of each effect that are combined with those of every other.
 const STARTS: usize = 2;
@@ -82,7 +81,7 @@ fn directions(
     added.push(kind);
     let own = free_parameters(context.file, &added).split_off(base.fit.free.len());
     let free = [at.free.as_slice(), &own].concat();
-    let mut found: Vec<(f64, Direction)> = starts_from(context, base, kind, &Guesses::default())
+    let mut found: Vec<(f64, Direction)> = starts(context, base, kind, context.guesses)
         .par_iter()
         .filter_map(|start| {
             let direction = at.direction(context.subsample, kind, start, &free)?;
@@ -231,6 +230,7 @@ mod tests {
     use super::super::Progress;
     use super::super::candidates::Scales;
     use super::super::executor::Executor;
+    use super::super::score::Guesses;
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -289,7 +289,6 @@ mod tests {
         let context = FitContext {
             file: &file,
             fitter: &fitter,
-            short_segments: None,
             subsample: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
             guesses: &Guesses::default(),

@@ -2,8 +2,9 @@
 //!
 //! A [`Progress`] only counts; a caller who shows nothing passes `&Progress::default()`. The
 //! number of further fits is known for the present step only, because the outcome of single
-//! effects decides whether combinations are tried. With a [`Budget`], it also tracks when that
-//! is spent and which parts were not done.
+//! effects decides whether combinations are tried; how much of the whole is done is said by what
+//! each [`Stage`] usually takes. With a [`Budget`], it also tracks when that is spent and which parts
+//! were not done.
 //!
 //! A diagnosis can be asked to stop by [`Progress::stop`], which throws its answer away, or by
 //! [`Progress::enough`], which keeps it: to the search ([`super::executor`]) both are a budget that
@@ -59,24 +60,116 @@ pub enum Counts {
     Cases,
 }
 
+/// A stage of a diagnosis, in the order in which they come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Reading.
+    Reading,
+    /// How many samples a budget is enough for.
+    Affordable,
+    /// Quality of the recordings.
+    Quality,
+    /// Refit of the nominal structure.
+    Refit,
+    /// Fits of the effects that the score puts first.
+    Leading,
+    /// Final fits of the best of them.
+    Final,
+    /// Coarse fits of all effects.
+    Everywhere,
+    /// The nominal structure at several horizons.
+    Horizons,
+    /// Single effects at several horizons.
+    Effects,
+    /// Combinations at several horizons.
+    Combinations,
+    /// Final fits of the best of them.
+    FinalCombinations,
+    /// Selection by validation.
+    Selection,
+    /// Validation of the model with a table.
+    Augmented,
+    /// Where the gap lives.
+    Gap,
+    /// Validation as the board predicts.
+    Board,
+}
+
+impl Stage {
+    /// What is done.
+    const fn title(self) -> &'static str {
+        match self {
+            Self::Reading => "reading the recordings",
+            Self::Affordable => "how many samples the time is enough for",
+            Self::Quality => "quality of the recordings",
+            Self::Refit => "refit of the nominal structure",
+            Self::Leading => "fits of the effects that the score puts first",
+            Self::Final => "final fits of the best single effects",
+            Self::Everywhere => "coarse fits of all effects, one at a time",
+            Self::Horizons => "nominal structure at several horizons",
+            Self::Effects => "single effects at several horizons",
+            Self::Combinations => "combinations of 2 effects at several horizons",
+            Self::FinalCombinations => "final fits of the best combinations",
+            Self::Selection => "selection by validation",
+            Self::Augmented => "validation of the augmented model",
+            Self::Gap => "where the gap lives",
+            Self::Board => "validation as the board predicts",
+        }
+    }
+
+    /// The share of the whole that is done at its end. It steers nothing but a bar. Whether a
+    /// diagnosis ends with single effects is not known before: one that does not has what is left
+    /// then for its horizons, and a bar never goes back.
+    const fn ends_at(self) -> f64 {
+        match self {
+            Self::Reading | Self::Affordable | Self::Quality => 0.01,
+            Self::Refit => 0.3,
+            Self::Leading => 0.5,
+            Self::Final => 0.6,
+            Self::Everywhere => 0.66,
+            Self::Horizons => 0.68,
+            Self::Effects => 0.78,
+            Self::Combinations => 0.95,
+            Self::FinalCombinations => 0.96,
+            Self::Selection => 0.97,
+            Self::Augmented | Self::Gap => 0.99,
+            Self::Board => 1.0,
+        }
+    }
+}
+
 /// The present stage and step.
 #[derive(Debug)]
 struct Now {
     counts: Counts,
     /// Why the diagnosis is repeated; empty the first time.
     again: &'static str,
-    stage: String,
+    /// What a case of a batch found; empty in a diagnosis.
+    case: String,
+    stage: Stage,
     step: &'static str,
+    /// Share of the whole that was done when the step began.
+    done_before: f64,
     /// When the step began, or the stage if it has none.
     since: Instant,
     planned: usize,
     done: usize,
     fits: usize,
-    /// RMS residual (rad) of the refit of the nominal structure.
-    refit: Option<f64>,
+    known: Known,
     best: Option<Best>,
     /// The parts that were not done.
     undone: BTreeSet<SearchPart>,
+}
+
+/// What is known before a fit explains anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Known {
+    /// RMS residual (rad) of the model as supplied.
+    pub supplied: Option<f64>,
+    /// RMS residual (rad) of the refit of the nominal structure.
+    pub refit: Option<f64>,
+    /// The effect that the score puts first.
+    pub leads: Option<Kind>,
 }
 
 /// The best explanation so far.
@@ -109,6 +202,11 @@ pub struct State {
     pub elapsed: Duration,
     /// Time since the beginning of the present step.
     pub in_step: Duration,
+    /// Share of the whole that is done, by what stages usually take: it never falls but where a
+    /// diagnosis begins again.
+    pub share: f64,
+    /// What is known before that.
+    pub known: Known,
     /// The best explanation so far.
     pub best: Option<Best>,
 }
@@ -122,13 +220,15 @@ impl Default for Progress {
             now: Mutex::new(Now {
                 counts: Counts::Fits,
                 again: "",
-                stage: "reading the recordings".into(),
+                case: String::new(),
+                stage: Stage::Reading,
                 step: "",
+                done_before: 0.0,
                 since: started,
                 planned: 0,
                 done: 0,
                 fits: 0,
-                refit: None,
+                known: Known::default(),
                 best: None,
                 undone: BTreeSet::new(),
             }),
@@ -244,11 +344,17 @@ impl Progress {
     }
 
     /// Announces a stage of `planned` fits; 0 if unknown.
-    pub fn stage(&self, what: impl Into<String>, planned: usize) {
+    pub fn stage(&self, stage: Stage, planned: usize) {
         let mut now = self.now();
-        now.stage = what.into();
+        let ended = now.stage.ends_at();
         now.begin("", planned);
+        now.done_before = now.done_before.max(ended);
+        now.stage = stage;
         drop(now);
+        self.tell();
+    }
+
+    fn tell(&self) {
         if let Some(Watcher(watcher)) = &self.watcher {
             watcher(self);
         }
@@ -261,15 +367,17 @@ impl Progress {
 
     /// Announces a batch of `planned` cases.
     pub fn cases(&self, planned: usize) {
-        self.stage("diagnosing", planned);
-        self.now().counts = Counts::Cases;
+        let mut now = self.now();
+        now.begin("", planned);
+        now.counts = Counts::Cases;
+        now.case = "diagnosing".into();
     }
 
     /// Counts a case of a batch, with what it found in a few words.
     pub fn case(&self, found: String) {
         let mut now = self.now();
         now.done += 1;
-        now.stage = found;
+        now.case = found;
     }
 
     /// Announces that the diagnosis is repeated, on other data. The best explanation so far
@@ -278,11 +386,16 @@ impl Progress {
         let mut now = self.now();
         now.again = why;
         now.best = None;
+        now.known = Known::default();
+        now.begin("", 0);
+        now.done_before = 0.0;
+        now.stage = Stage::Reading;
     }
 
-    /// Notes the RMS error (rad) of the refit of the nominal structure.
-    pub fn refitted(&self, leaves: f64) {
-        self.now().refit = Some(leaves);
+    /// Notes what is known before a fit explains anything.
+    pub fn knows(&self, note: impl FnOnce(&mut Known)) {
+        note(&mut self.now().known);
+        self.tell();
     }
 
     /// Counts a fit once the returned value is dropped, also if the fit fails.
@@ -296,7 +409,7 @@ impl Progress {
         let best = Best {
             kinds: candidate.set(),
             leaves: candidate.fit.rmse(),
-            of: now.refit,
+            of: now.known.refit,
             explains: None,
         };
         now.offer(best);
@@ -317,7 +430,11 @@ impl Progress {
     pub fn state(&self) -> State {
         let now = self.now();
         let mut stage = String::new();
-        for part in [now.again, &now.stage, now.step] {
+        let title = match now.counts {
+            Counts::Fits => now.stage.title(),
+            Counts::Cases => &now.case,
+        };
+        for part in [now.again, title, now.step] {
             if !part.is_empty() {
                 stage += if stage.is_empty() { "" } else { ": " };
                 stage += part;
@@ -331,6 +448,8 @@ impl Progress {
             fits: now.fits,
             elapsed: self.started.elapsed(),
             in_step: now.since.elapsed(),
+            share: now.share(),
+            known: now.known,
             best: now.best.clone(),
         }
     }
@@ -342,10 +461,22 @@ impl Progress {
 
 impl Now {
     fn begin(&mut self, step: &'static str, planned: usize) {
+        self.done_before = self.share();
         self.step = step;
         self.since = Instant::now();
         self.planned = planned;
         self.done = 0;
+    }
+
+    fn share(&self) -> f64 {
+        let done = self.done as f64 / self.planned.max(1) as f64;
+        if self.counts == Counts::Cases {
+            return done;
+        }
+        // Further steps may follow in the stage.
+        let step = if self.step.is_empty() { 1.0 } else { 0.5 };
+        let left = (self.stage.ends_at() - self.done_before).max(0.0);
+        self.done_before + step * done.min(1.0) * left
     }
 
     fn offer(&mut self, best: Best) {
@@ -443,12 +574,29 @@ impl State {
         text
     }
 
-    /// The best explanation so far, or that there is none.
+    /// The best explanation so far, or what is known before there is one.
     pub fn best_so_far(&self) -> String {
-        match &self.best {
-            Some(best) => format!("best so far: {best}"),
-            None => "no explanation so far".into(),
+        if let Some(best) = &self.best {
+            return format!("best so far: {best}");
         }
+        let mut text = match (self.known.refit, self.known.supplied) {
+            (Some(refit), _) => format!("so far: refitted, the model misses by {}", degrees(refit)),
+            (None, Some(supplied)) => {
+                format!(
+                    "so far: as supplied, the model misses by {}",
+                    degrees(supplied)
+                )
+            }
+            (None, None) => return "no explanation so far".into(),
+        };
+        if let Some(kind) = self.known.leads {
+            let family = title(&Family::of_all(&[kind]));
+            text += &format!(
+                "; that looks most like {family} ({})",
+                names(&[kind]).join(" + ")
+            );
+        }
+        text
     }
 }
 
@@ -491,7 +639,7 @@ mod tests {
     #[test]
     fn fits_count_for_their_step_and_for_all() {
         let progress = Progress::default();
-        progress.stage("9 effects", 2);
+        progress.stage(Stage::Effects, 2);
         drop(progress.fit());
         let unfinished = progress.fit();
         let counts = |state: &State| (state.done, state.planned, state.fits);
@@ -505,12 +653,67 @@ mod tests {
         });
         let state = progress.state();
         assert_eq!(counts(&state), (80, 100, 82));
-        assert_eq!(state.stage, "9 effects: screening");
+        assert_eq!(state.stage, "single effects at several horizons: screening");
         progress.again("once more");
-        progress.stage("quality of the recordings", 0);
+        progress.stage(Stage::Quality, 0);
         let state = progress.state();
         assert_eq!(counts(&state), (0, 0, 82));
         assert_eq!(state.stage, "once more: quality of the recordings");
+    }
+
+    /// Whatever stages come, in whatever steps, the bar goes on and ends at the whole; and once
+    /// more is from the beginning.
+    #[test]
+    fn a_bar_never_goes_back() {
+        use Stage::*;
+        let paths = [
+            vec![
+                Quality, Refit, Leading, Final, Selection, Augmented, Gap, Board,
+            ],
+            vec![
+                Quality,
+                Refit,
+                Leading,
+                Final,
+                Everywhere,
+                Final,
+                Horizons,
+                Effects,
+                Combinations,
+                FinalCombinations,
+                Selection,
+                Augmented,
+                Gap,
+                Board,
+            ],
+        ];
+        for path in paths {
+            let progress = Progress::default();
+            let mut last = 0.0;
+            let mut goes_on = |progress: &Progress| {
+                let share = progress.state().share;
+                assert!((last..=1.0).contains(&share), "{share} after {last}");
+                last = share;
+            };
+            for stage in path {
+                progress.stage(stage, 3);
+                goes_on(&progress);
+                for step in ["", "fits", "validation"] {
+                    progress.step(step, 2);
+                    for _ in 0..3 {
+                        drop(progress.fit());
+                        goes_on(&progress);
+                    }
+                }
+            }
+            assert!(last > 0.99, "{last}");
+            progress.again("once more");
+            assert!(progress.state().share < 0.01);
+            // What a stage without any fit has taken is done after it.
+            progress.stage(Refit, 0);
+            progress.stage(Leading, 8);
+            assert!(progress.state().share >= Refit.ends_at());
+        }
     }
 
     #[test]
@@ -618,6 +821,8 @@ mod tests {
             fits: 63,
             elapsed: Duration::from_secs(200),
             in_step: Duration::from_secs(24),
+            share: 0.7,
+            known: Known::default(),
             best: Some(Best {
                 kinds: vec![CoulombFriction, Gravity],
                 leaves: 0.39_f64.to_radians(),
@@ -640,6 +845,29 @@ mod tests {
             begun.to_string(),
             "refit of the nominal structure; 0 s so far; no explanation so far"
         );
+        let known = |refit, leads| State {
+            known: Known {
+                supplied: Some(0.1),
+                refit,
+                leads,
+            },
+            ..State::default()
+        };
+        for (refit, leads, said) in [
+            (None, None, "so far: as supplied, the model misses by 5.73°"),
+            (
+                Some(0.01),
+                None,
+                "so far: refitted, the model misses by 0.573°",
+            ),
+            (
+                Some(0.01),
+                Some(Gravity),
+                "so far: refitted, the model misses by 0.573°; that looks most like stiffness shape (gravity)",
+            ),
+        ] {
+            assert_eq!(known(refit, leads).best_so_far(), said);
+        }
         let coarse = Best {
             kinds: vec![Gravity],
             leaves: 0.01,

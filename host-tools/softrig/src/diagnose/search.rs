@@ -7,13 +7,14 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
-use super::baseline::{Baseline, in_step};
+use super::baseline::Baseline;
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, finished};
 use super::executor::Executor;
 use super::finding::Finding;
 use super::grade::{Graded, grade};
 use super::measure::MeasuredStructure;
+use super::progress::Stage;
 use super::score::Guesses;
 use super::selection::{Fitted, Rows, Selection};
 use super::singles::{Singles, is_settled, most_of_rivals, singles};
@@ -21,7 +22,7 @@ use super::validation::CrossValidator;
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, short_segments, subsample};
+use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, subsample};
 use softrig_formats::model_file::ModelFile;
 
 /// The best single effects that others are tried in place of.
@@ -116,7 +117,7 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
             .at_most(best.fit.rmse());
         validator.raise_floor(baseline.floor.rms);
     }
-    options.progress.stage("selection by validation", 0);
+    options.progress.stage(Stage::Selection, 0);
     if let Some(quiet) = baseline.find_quiet(&validator) {
         return Searched::nothing(quiet, untried, baseline);
     }
@@ -275,18 +276,16 @@ impl Grading {
 
 /// The parts of the data for coarse fits.
 struct Material {
-    short_segments: Option<Dataset>,
     subsample: Dataset,
     scales: Scales,
 }
 
 impl Material {
     fn of(fitter: &Fitter<'_>, refit: &Candidate, enough: usize) -> Self {
+        let subsample = subsample(fitter.data, &refit.fit.model, enough);
         Self {
-            short_segments: (!in_step(fitter.data, &refit.fit))
-                .then(|| short_segments(fitter.data, fitter.nominal)),
-            subsample: subsample(fitter.data, &refit.fit.model, enough),
-            scales: Scales::of(fitter, &refit.fit),
+            scales: Scales::of(fitter, &refit.fit).seen_in(&subsample),
+            subsample,
         }
     }
 
@@ -300,10 +299,6 @@ impl Material {
     fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {
         Fitters {
             whole,
-            short_segments: self
-                .short_segments
-                .as_ref()
-                .map(|data| Fitter { data, ..*whole }),
             subsample: Fitter {
                 data: &self.subsample,
                 ..*whole
@@ -315,7 +310,6 @@ impl Material {
 /// Fitters to the whole data and to parts of it.
 struct Fitters<'a> {
     whole: &'a Fitter<'a>,
-    short_segments: Option<Fitter<'a>>,
     subsample: Fitter<'a>,
 }
 
@@ -330,7 +324,6 @@ impl<'a> Fitters<'a> {
         FitContext {
             file,
             fitter: self.whole,
-            short_segments: self.short_segments.as_ref(),
             subsample: &self.subsample,
             scales: &material.scales,
             guesses,

@@ -20,6 +20,7 @@ use super::finding::{Explanation, Finding, NamedKind};
 use super::measure::{MeasuredStructure, closed, closure, excess};
 use super::noise::NoiseFloor;
 use super::policy::Policy;
+use super::progress::Stage;
 use super::tables;
 use super::validation::CrossValidator;
 use crate::statistics::swing;
@@ -181,10 +182,7 @@ impl Rows {
             Decision::CannotTell { rivals, .. } => rivals.first().copied(),
             Decision::Unexplained { .. } => None,
         };
-        context
-            .executor
-            .progress()
-            .stage("validation of the augmented model", 0);
+        context.executor.progress().stage(Stage::Augmented, 0);
         let Repaired {
             candidate: repaired,
             table_leaves,

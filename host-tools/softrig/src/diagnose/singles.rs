@@ -14,6 +14,7 @@ use super::candidates::{Candidate, FitContext, Starts, coarse_fit, final_fit, pr
 use super::measure::excess;
 use super::noise::{NoiseFloor, adequate};
 use super::policy::{Policy, Search};
+use super::progress::Stage;
 use crate::estimate::fit::Effort;
 use softrig_formats::family::Family;
 
@@ -58,15 +59,15 @@ pub fn singles(
     };
     let ranked = context.guesses.ranked();
     let first: Vec<Kind> = ranked.into_iter().take(LEADING).collect();
-    progress.stage("fits of the effects that the score puts first", first.len());
+    progress.knows(|known| known.leads = first.first().copied());
+    progress.stage(Stage::Leading, first.len());
     singles.fit(context, refit, &first, Starts::Scored);
     let near = singles.neighbours(kinds);
     progress.step("fits of what looks like the best", near.len());
     singles.fit(context, refit, &near, Starts::Scored);
     singles.finish(context, floor);
     if !is_settled(&singles.pool, floor) {
-        let what = format!("coarse fits of {} effects, one at a time", kinds.len());
-        progress.stage(what, kinds.len());
+        progress.stage(Stage::Everywhere, kinds.len());
         singles.fit(context, refit, kinds, Starts::Everywhere);
         singles.finish(context, floor);
     }
@@ -144,7 +145,7 @@ impl Singles {
         };
         let near = self.coarse.iter().take(near);
         let planned: Vec<&Candidate> = near.filter(is_unfinished).collect();
-        progress.stage("final fits of the best single effects", planned.len());
+        progress.stage(Stage::Final, planned.len());
         let final_fits = |candidates: Vec<&Candidate>, effort: Effort| -> Vec<Candidate> {
             candidates
                 .par_iter()
@@ -164,6 +165,7 @@ impl Singles {
             fit: context.fitter.informed(&far.fit),
             ..far
         };
+        progress.step("to their ends", near.len());
         let mut finished = final_fits(near.iter().collect(), Effort::Full);
         finished.extend(far.into_iter().map(informed));
         self.pool.extend(finished);

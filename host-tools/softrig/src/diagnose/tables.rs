@@ -182,7 +182,6 @@ mod tests {
                 guesses: &Guesses::default(),
                 file: &file,
                 fitter: &fitter,
-                short_segments: None,
                 subsample: &fitter,
                 scales: &scales,
                 executor: Executor::new(&progress, &checkpoint),

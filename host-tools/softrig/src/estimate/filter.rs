@@ -153,7 +153,7 @@ pub fn walk<const N: usize>(
     let signal = session.signal();
     let plain: Model<f64> = model.map(|value| value.value());
     let stepping = session.stepping(&plain);
-    Work::count(recording.len() * stepping.evaluations(), true);
+    let mut evaluations = 0;
     let inertia = plain.dynamics().inertia;
     let origin = Origin {
         pressure_zero,
@@ -182,8 +182,9 @@ pub fn walk<const N: usize>(
             for hidden in state.hidden.iter_mut().flatten() {
                 *hidden = hidden.seeded(first, [0.0, 0.0]);
             }
-            advance(model, signal, sample, pressure_zero, stepping, &mut state);
+            evaluations += advance(model, signal, sample, pressure_zero, stepping, &mut state);
             if is_lost(state.angle) {
+                Work::count(evaluations, true);
                 return None;
             }
             let (by_angle, by_rate) = (state.angle.partials(), state.rate.partials());
@@ -235,6 +236,7 @@ pub fn walk<const N: usize>(
             corrected: (estimate(&state, force), covariance),
         });
     }
+    Work::count(evaluations, true);
     Some(())
 }
 
