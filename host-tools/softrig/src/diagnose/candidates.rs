@@ -455,7 +455,7 @@ impl Predicted {
 pub enum Starts {
     /// Where the views say that rank it, if they say anything.
     Scored,
-    /// At the best of what it says, and of all combinations of the catalogue's values.
+    /// At the best of what all views say, and of all combinations of the catalogue's values.
     Everywhere,
 }
 
@@ -479,7 +479,19 @@ pub fn predicted(
     }
     let mut added = base.added.clone();
     added.push(kind);
-    let mut starts = suggested(base, kind, context.guesses, from);
+    let guesses = context.guesses.of_kind(kind).iter();
+    let said = guesses
+        .filter(|guess| guess.is_ranked() || from == Starts::Everywhere)
+        .map(|guess| {
+            // What the score changes of the base makes up for the whole of what is missing.
+            let dynamics = if base.added.is_empty() {
+                guess.base
+            } else {
+                *base.fit.model.dynamics()
+            };
+            (dynamics, guess.effect)
+        });
+    let mut starts = suggested(base, said);
     if from == Starts::Scored && !starts.is_empty() {
         return Ok(Predicted {
             added,
@@ -611,14 +623,15 @@ fn with_other_shape(model: &Model<f64>, slot: usize) -> Option<Model<f64>> {
 }
 
 /// Initial guesses of the fitted `base` with `kind` added: what is known of what is missing
-/// `beside` it, or where that says nothing the catalogue's values.
+/// `beside` it, and every combination of the catalogue's values.
 pub fn starts(
     context: &FitContext<'_>,
     base: &Candidate,
     kind: Kind,
     beside: &Guesses,
 ) -> Vec<Model<f64>> {
-    let mut starts = suggested(base, kind, beside, Starts::Everywhere);
+    let said = beside.of_kind(kind).iter();
+    let mut starts = suggested(base, said.map(|guess| (guess.base, guess.effect)));
     starts.extend(usual(context, base, kind));
     starts
 }
@@ -632,12 +645,14 @@ fn usual(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f6
         .collect()
 }
 
-/// What the score suggests.
-fn suggested(base: &Candidate, kind: Kind, guesses: &Guesses, from: Starts) -> Vec<Model<f64>> {
+/// What the score says, as far as it leads to different minima.
+fn suggested(
+    base: &Candidate,
+    said: impl Iterator<Item = (Dynamics<f64>, Effect<f64>)>,
+) -> Vec<Model<f64>> {
     let mut starts: Vec<Model<f64>> = Vec::new();
-    let guesses = guesses.of_kind(kind).iter();
-    for guess in guesses.filter(|guess| guess.is_ranked() || from == Starts::Everywhere) {
-        if let Some(start) = extended(base, guess.base, guess.effect)
+    for (dynamics, effect) in said {
+        if let Some(start) = extended(base, dynamics, effect)
             && !starts.iter().any(|known| is_alike(known, &start))
         {
             starts.push(start);

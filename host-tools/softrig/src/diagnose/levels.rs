@@ -127,6 +127,7 @@ impl<'a> Levels<'a> {
     /// A structure, and what is missing beside it.
     pub fn lead<'b>(&self, estimate: &'b Estimate, at: Vec<usize>, kinds: &[Kind]) -> Base<'b> {
         let context = &self.context;
+        // What is missing beside the nominal structure is known.
         if estimate.added.is_empty() {
             return Base {
                 estimate,
@@ -298,8 +299,7 @@ impl<'a> Levels<'a> {
             } else {
                 FITTED
             };
-            let fit = self.executor().best_of(&fitter, &from, &free, effort)?;
-            fits.push(fit);
+            fits.push(self.executor().best_of(&fitter, &from, &free, effort)?);
         }
         Ok(Estimate {
             added: added.clone(),
