@@ -200,7 +200,7 @@ fn with_guesses(data: &Dataset, fit: &Fit) -> Dataset {
 
 /// Whether simulation and recordings stay in phase: the residual is small
 /// against the motion.
-fn in_step(data: &Dataset, fit: &Fit) -> bool {
+pub fn in_step(data: &Dataset, fit: &Fit) -> bool {
     const SMALL: f64 = 0.15;
     let measured: f64 = data
         .fitted()

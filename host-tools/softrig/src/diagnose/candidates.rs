@@ -7,15 +7,15 @@
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
 use model_core::dynamics::Dynamics;
-use model_core::effects::{Parameter, Place, Unit};
+use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::executor::{Executor, Unfitted};
 use super::needs::Shown;
 use super::policy::Policy;
-use super::score::Guesses;
-use crate::estimate::Dataset;
+use super::score::{Guess, Guesses};
 use crate::estimate::filter::Level;
 use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::identify::HARDLY_VISIBLE;
 use crate::estimate::smooth::motions;
 use softrig_formats::model_file::{ModelFile, parameter_name, parameters};
 
@@ -137,16 +137,6 @@ impl Scales {
         }
     }
 
-    /// The same for fits to thinned samples: a delay that none of them shows costs many steps
-    /// between two of them, and nothing tells it from none.
-    pub fn seen_in(self, part: &Dataset) -> Self {
-        let intervals = part.sessions().iter().map(|session| session.interval());
-        Self {
-            interval: intervals.fold(self.interval, f64::max),
-            ..self
-        }
-    }
-
     /// The size beyond which a parameter (SI units) is implausible; none for parameters
     /// without a scale here. A time constant far beyond the longest run is implausible: a
     /// creep that never ends is a spring.
@@ -158,6 +148,25 @@ impl Scales {
             Unit::PerRadian => Some(3.0 / self.angle),
             _ => Some(self.size(row)),
         }
+    }
+
+    /// The dynamics of the same time constant C/K at critical damping, C²/(4 K) = M, where
+    /// the inertia does not show in `fitted`; none where it does.
+    ///
+    /// A missing force can make a swing look like a creep: the refit then ends where the
+    /// inertia does not show, and with the right effect no fit finds the way back.
+    fn swinging(&self, fitted: &Dynamics<f64>) -> Option<Dynamics<f64>> {
+        let damping = fitted.damping;
+        let slope = fitted.stiffness * libm::pow(self.angle, fitted.exponent - 1.0);
+        let critical = 4.0 * fitted.inertia * slope / damping;
+        let is_hidden = fitted.inertia < HARDLY_VISIBLE * self.interval * damping;
+        let times = critical / damping;
+        (is_hidden && times > 0.0 && times < 1.0).then_some(Dynamics {
+            damping: critical,
+            stiffness: times * fitted.stiffness,
+            input_gain: times * fitted.input_gain,
+            ..*fitted
+        })
     }
 
     /// Largest angle (rad).
@@ -411,6 +420,9 @@ pub struct FitContext<'a> {
     pub file: &'a ModelFile,
     /// The recordings.
     pub fitter: &'a Fitter<'a>,
+    /// The same recordings in short segments, for initial guesses; none if the
+    /// refitted model stays in phase with the recordings.
+    pub short_segments: Option<&'a Fitter<'a>>,
     /// A subsample of the recordings, to rank initial guesses and candidates.
     pub subsample: &'a Fitter<'a>,
     /// Scales of forces, angles and rates.
@@ -459,7 +471,7 @@ pub enum Starts {
     Everywhere,
 }
 
-/// One further effect where its fit begins.
+/// One further effect at the best of its initial guesses, by a score test of each.
 ///
 /// # Errors
 ///
@@ -479,35 +491,47 @@ pub fn predicted(
     }
     let mut added = base.added.clone();
     added.push(kind);
-    let guesses = context.guesses.of_kind(kind).iter();
-    let said = guesses
-        .filter(|guess| guess.is_ranked() || from == Starts::Everywhere)
-        .map(|guess| {
-            // What the score changes of the base makes up for the whole of what is missing.
-            let dynamics = if base.added.is_empty() {
-                guess.base
-            } else {
-                *base.fit.model.dynamics()
-            };
-            (dynamics, guess.effect)
-        });
-    let mut starts = suggested(base, said);
-    if from == Starts::Scored && !starts.is_empty() {
-        return Ok(Predicted {
-            added,
-            starts,
-            is_scored: true,
-        });
-    }
     let free = free_parameters(file, &added);
-    starts.extend(usual(context, base, kind));
-    let best = context.subsample.least_predicted(&starts, &free, BEST);
+    if from == Starts::Scored {
+        let starts = guessed(context, base, kind, from);
+        if !starts.is_empty() {
+            return Ok(Predicted {
+                added,
+                starts,
+                is_scored: true,
+            });
+        }
+    }
+    let starts = starts(context, base, kind);
+    let best = context
+        .subsample
+        .least_predicted(&starts.as_fitted, &free, BEST);
     if best.is_empty() {
         return Err(Unfitted::Diverged);
     }
+    let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
+    let swinging = context
+        .subsample
+        .least_predicted(&starts.swinging, &free, 1);
+    starts_on.extend(swinging.into_iter().map(|(_, model)| model));
+    // Where simulation and measurement are out of phase, whole runs have too many
+    // local minima: short segments give the initial guesses.
+    if let Some(short_segments) = context.short_segments
+        && !added.iter().any(|kind| remembers(*kind))
+    {
+        let from = &starts.as_fitted;
+        match context
+            .executor
+            .best_of(short_segments, from, &free, Effort::Coarse)
+        {
+            Ok(fit) => starts_on.push(fit.model),
+            Err(Unfitted::Diverged) => {}
+            Err(Unfitted::NotReached) => return Err(Unfitted::NotReached),
+        }
+    }
     Ok(Predicted {
         added,
-        starts: best.into_iter().map(|(_, model)| model).collect(),
+        starts: starts_on,
         is_scored: false,
     })
 }
@@ -531,6 +555,16 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Can
         .executor
         .best_of(&fitter, starts, &free, Effort::Coarse)?;
     Ok(Candidate::of(predicted.added.len(), fit))
+}
+
+/// Whether an effect has a memory.
+fn remembers(kind: Kind) -> bool {
+    kind.info().place == Place::Input
+        || kind
+            .build(&vec![1.0; kind.parameters().len()])
+            .is_some_and(|effect| {
+                Mechanism::<f64>::integrates(&effect) || Mechanism::<f64>::has_memory(&effect)
+            })
 }
 
 /// The final fit of a candidate, from its coarse fit.
@@ -622,49 +656,82 @@ fn with_other_shape(model: &Model<f64>, slot: usize) -> Option<Model<f64>> {
     Model::new(*model.dynamics(), &effects).ok()
 }
 
-/// Initial guesses of the fitted `base` with `kind` added: what is known of what is missing
-/// `beside` it, and every combination of the catalogue's values.
-pub fn starts(
+/// Initial guesses of the fitted `base` with `kind` added; `beside` are those of what is
+/// missing beside that base, where they are known.
+pub fn starts_from(
     context: &FitContext<'_>,
     base: &Candidate,
     kind: Kind,
     beside: &Guesses,
 ) -> Vec<Model<f64>> {
-    let said = beside.of_kind(kind).iter();
-    let mut starts = suggested(base, said.map(|guess| (guess.base, guess.effect)));
-    starts.extend(usual(context, base, kind));
+    let mut starts = starts(context, base, kind).as_fitted;
+    starts.extend(beside.of_kind(kind).iter().filter_map(|guess| {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        Model::new(guess.base, &effects).ok()
+    }));
     starts
 }
 
-/// Every combination of the catalogue's values, with the base as it is fitted.
-fn usual(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Vec<Model<f64>> {
-    combinations(kind, |row| context.scales.starts_of(kind, row))
-        .iter()
-        .filter_map(|values| kind.build(values))
-        .filter_map(|effect| extended(base, *base.fit.model.dynamics(), effect))
-        .collect()
+/// Initial guesses of `base` with `kind` added: every combination of the catalogue's
+/// values, with the base parameters as fitted without the effect, and what the score suggests.
+fn starts(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Combinations {
+    let values = combinations(kind, |row| context.scales.starts_of(kind, row));
+    let fitted = *base.fit.model.dynamics();
+    let swinging = context.scales.swinging(&fitted);
+    let mut starts = Combinations::default();
+    for values in &values {
+        let Some(effect) = kind.build(values) else {
+            continue;
+        };
+        let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
+        starts.as_fitted.extend(Model::new(fitted, &effects));
+        starts.swinging.extend(swinging.and_then(|dynamics| {
+            // All forces count in proportion to the stiffness.
+            let times = dynamics.stiffness / fitted.stiffness;
+            let values: Vec<f64> = kind
+                .parameters()
+                .iter()
+                .zip(values)
+                .map(|(row, value)| value * if row.unit.is_force() { times } else { 1.0 })
+                .collect();
+            let added = kind.build(&values)?;
+            let effects: Vec<_> = base.fit.model.effects().chain([added]).collect();
+            Model::new(dynamics, &effects).ok()
+        }));
+    }
+    let guessed = guessed(context, base, kind, Starts::Everywhere);
+    starts.as_fitted.extend(guessed);
+    starts
 }
 
-/// What the score says, as far as it leads to different minima.
-fn suggested(
+/// What the score suggests.
+fn guessed(
+    context: &FitContext<'_>,
     base: &Candidate,
-    said: impl Iterator<Item = (Dynamics<f64>, Effect<f64>)>,
+    kind: Kind,
+    from: Starts,
 ) -> Vec<Model<f64>> {
+    let is_alone = base.added.is_empty();
+    let of_guess = |guess: &Guess| {
+        let effects: Vec<_> = base.fit.model.effects().chain([guess.effect]).collect();
+        let dynamics = if is_alone {
+            guess.base
+        } else {
+            *base.fit.model.dynamics()
+        };
+        Model::new(dynamics, &effects).ok()
+    };
+    let guesses = context.guesses.of_kind(kind).iter();
     let mut starts: Vec<Model<f64>> = Vec::new();
-    for (dynamics, effect) in said {
-        if let Some(start) = extended(base, dynamics, effect)
-            && !starts.iter().any(|known| is_alike(known, &start))
-        {
+    for start in guesses
+        .filter(|guess| guess.is_ranked() || from == Starts::Everywhere)
+        .filter_map(of_guess)
+    {
+        if !starts.iter().any(|known| is_alike(known, &start)) {
             starts.push(start);
         }
     }
     starts
-}
-
-/// The fitted `base` with other base parameters and one more effect.
-fn extended(base: &Candidate, dynamics: Dynamics<f64>, effect: Effect<f64>) -> Option<Model<f64>> {
-    let effects: Vec<_> = base.fit.model.effects().chain([effect]).collect();
-    Model::new(dynamics, &effects).ok()
 }
 
 /// Whether fits from two starts of one structure end in one minimum: no parameter differs by more
@@ -695,6 +762,15 @@ pub fn combinations(kind: Kind, choices: impl Fn(&Parameter) -> Vec<f64>) -> Vec
             .collect();
     }
     values
+}
+
+/// Initial guesses of a fit.
+#[derive(Clone, Debug, Default)]
+struct Combinations {
+    /// With the base parameters as fitted without the effect.
+    as_fitted: Vec<Model<f64>>,
+    /// With base parameters beside which the inertia shows, where it does not as fitted.
+    swinging: Vec<Model<f64>>,
 }
 
 /// The value at which a parameter is held: the catalogue's. But a smoothed sign function

@@ -17,6 +17,7 @@ use super::noise::NoiseFloor;
 use super::pairs;
 use super::policy::{Policy, Search};
 use super::progress::Stage;
+use super::score::Guesses;
 use super::validation::CrossValidator;
 use crate::estimate::fit::{Effort, Fit};
 
@@ -132,7 +133,11 @@ pub fn grade(
         measured: Vec::new(),
     };
     progress.stage(Stage::Effects, 0);
-    let nothing = levels.lead(&base, screened, kinds);
+    let nothing = Base {
+        estimate: &base,
+        at: screened,
+        beside: Guesses::default(),
+    };
     search.extend(&[nothing], coarse);
     if !search.leaves_noise(1, noise) && progress.may_begin(SearchPart::Combinations) {
         progress.stage(Stage::Combinations, 0);

@@ -15,7 +15,7 @@ use model_core::catalogue::{Effect, Kind};
 use rayon::prelude::*;
 
 use super::budget::SearchPart;
-use super::candidates::{Candidate, FitContext, free_parameters, in_best_shape, starts};
+use super::candidates::{Candidate, FitContext, free_parameters, in_best_shape, starts_from};
 use super::executor::{Executor, Unfitted};
 use super::score::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
@@ -127,14 +127,6 @@ impl<'a> Levels<'a> {
     /// A structure, and what is missing beside it.
     pub fn lead<'b>(&self, estimate: &'b Estimate, at: Vec<usize>, kinds: &[Kind]) -> Base<'b> {
         let context = &self.context;
-        // What is missing beside the nominal structure is known.
-        if estimate.added.is_empty() {
-            return Base {
-                estimate,
-                at,
-                beside: context.guesses.clone(),
-            };
-        }
         let by_output_error = estimate.fits.last();
         let beside = by_output_error
             .map(|fit| Guesses::beside(context.subsample, fit, self.noise, kinds, context.scales));
@@ -267,7 +259,7 @@ impl<'a> Levels<'a> {
         let added = appended(&estimate.added, kind);
         let free = free_parameters(self.context.file, &added);
         let from = Candidate::of(estimate.added.len(), estimate.fits[level].clone());
-        let starts = starts(&self.context, &from, kind, beside);
+        let starts = starts_from(&self.context, &from, kind, beside);
         let best = fitter.least_predicted(&starts, &free, 1);
         best.into_iter().next().map(|(_, model)| model)
     }

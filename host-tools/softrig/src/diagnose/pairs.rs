@@ -17,7 +17,8 @@ use crate::estimate::Nuisance;
 use crate::estimate::fit::Fitter;
 use crate::portable::product;
 
-use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts};
+use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
+use super::score::Guesses;
 
 /// Initial guesses of each effect that are combined with those of every other.
 const STARTS: usize = 2;
@@ -81,7 +82,7 @@ fn directions(
     added.push(kind);
     let own = free_parameters(context.file, &added).split_off(base.fit.free.len());
     let free = [at.free.as_slice(), &own].concat();
-    let mut found: Vec<(f64, Direction)> = starts(context, base, kind, context.guesses)
+    let mut found: Vec<(f64, Direction)> = starts_from(context, base, kind, &Guesses::default())
         .par_iter()
         .filter_map(|start| {
             let direction = at.direction(context.subsample, kind, start, &free)?;
@@ -230,7 +231,6 @@ mod tests {
     use super::super::Progress;
     use super::super::candidates::Scales;
     use super::super::executor::Executor;
-    use super::super::score::Guesses;
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -289,6 +289,7 @@ mod tests {
         let context = FitContext {
             file: &file,
             fitter: &fitter,
+            short_segments: None,
             subsample: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
             guesses: &Guesses::default(),

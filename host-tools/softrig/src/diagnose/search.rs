@@ -7,7 +7,7 @@ use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use super::Progress;
-use super::baseline::Baseline;
+use super::baseline::{Baseline, in_step};
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, finished};
 use super::executor::Executor;
@@ -22,7 +22,7 @@ use super::validation::CrossValidator;
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fitter;
-use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, subsample};
+use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, short_segments, subsample};
 use softrig_formats::model_file::ModelFile;
 
 /// The best single effects that others are tried in place of.
@@ -276,16 +276,18 @@ impl Grading {
 
 /// The parts of the data for coarse fits.
 struct Material {
+    short_segments: Option<Dataset>,
     subsample: Dataset,
     scales: Scales,
 }
 
 impl Material {
     fn of(fitter: &Fitter<'_>, refit: &Candidate, enough: usize) -> Self {
-        let subsample = subsample(fitter.data, &refit.fit.model, enough);
         Self {
-            scales: Scales::of(fitter, &refit.fit).seen_in(&subsample),
-            subsample,
+            short_segments: (!in_step(fitter.data, &refit.fit))
+                .then(|| short_segments(fitter.data, fitter.nominal)),
+            subsample: subsample(fitter.data, &refit.fit.model, enough),
+            scales: Scales::of(fitter, &refit.fit),
         }
     }
 
@@ -299,6 +301,10 @@ impl Material {
     fn fitters<'a>(&'a self, whole: &'a Fitter<'a>) -> Fitters<'a> {
         Fitters {
             whole,
+            short_segments: self
+                .short_segments
+                .as_ref()
+                .map(|data| Fitter { data, ..*whole }),
             subsample: Fitter {
                 data: &self.subsample,
                 ..*whole
@@ -310,6 +316,7 @@ impl Material {
 /// Fitters to the whole data and to parts of it.
 struct Fitters<'a> {
     whole: &'a Fitter<'a>,
+    short_segments: Option<Fitter<'a>>,
     subsample: Fitter<'a>,
 }
 
@@ -324,6 +331,7 @@ impl<'a> Fitters<'a> {
         FitContext {
             file,
             fitter: self.whole,
+            short_segments: self.short_segments.as_ref(),
             subsample: &self.subsample,
             scales: &material.scales,
             guesses,

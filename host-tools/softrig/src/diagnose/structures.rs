@@ -37,6 +37,7 @@ pub fn fit(
     let context = FitContext {
         file,
         fitter: &fitter,
+        short_segments: None,
         subsample: &Fitter::new(&file.model, &subsample),
         scales: &scales,
         guesses: &guesses,

@@ -182,6 +182,7 @@ mod tests {
                 guesses: &Guesses::default(),
                 file: &file,
                 fitter: &fitter,
+                short_segments: None,
                 subsample: &fitter,
                 scales: &scales,
                 executor: Executor::new(&progress, &checkpoint),

@@ -5,9 +5,71 @@ use std::ops::Range;
 use model_core::actuator::Model;
 
 use super::dataset::{Dataset, Mark, Session};
-use crate::sim::simulate::{Grain, Stepping};
+use super::nuisance::Nuisance;
+use crate::estimate::smooth::{half_window, motion};
+use crate::sim::simulate::{Grain, InitialState, Stepping};
 use crate::statistics::{noise, squares_about_mean};
 use softrig_formats::recording::{Meta, Recording};
+
+/// Cuts the fitted segments into short segments that each start from the measured motion
+/// (multiple shooting), for initial guesses.
+///
+/// Over a whole recording a small frequency error puts simulation and measurement out of
+/// phase, and the sum of squares has many local minima. Over half a swing it has one. A
+/// fit to short segments is biased by the noise of their initial states and by hidden
+/// states that have not built up, so it only gives initial guesses. The zeros are the
+/// guesses of the sessions.
+///
+/// The segments last about half a swing of the `nominal` model, between 10 samples
+/// and 1 s. Enough of them are taken, evenly spaced.
+pub fn short_segments(data: &Dataset, nominal: &Model<f64>) -> Dataset {
+    const FEWEST: f64 = 10.0;
+    const LONGEST_S: f64 = 1.0;
+    /// Enough samples for an initial guess.
+    const ENOUGH: usize = 2_000;
+    let mut short_segments = Vec::new();
+    for segment in data.fitted() {
+        let session = &data.sessions()[segment.session];
+        let stiffness = nominal.fastest_rate(session.largest_angle()).stiffness;
+        let half_swing = std::f64::consts::PI / stiffness.sqrt();
+        let samples = (half_swing.min(LONGEST_S) / session.interval()).max(FEWEST);
+        // At most a second of samples.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let length = samples as usize;
+        let recording = &segment.recording;
+        let half = half_window(recording);
+        let mut begin = half;
+        while begin + length < recording.len() {
+            let at = motion(recording, begin - half, begin + half + 1, begin);
+            if let Some(motion) = at {
+                let known = Nuisance {
+                    start: InitialState {
+                        angle: motion.angle,
+                        rate: motion.rate,
+                    },
+                    ..session.guess()
+                };
+                let clock = session.clock() + recording.time[begin] - session.recording().time[0];
+                let first = segment.range.start + begin;
+                let piece = cut(session, first..first + length, 1);
+                short_segments.push((piece, clock, known, session));
+            }
+            begin += length;
+        }
+    }
+    let samples: usize = short_segments.iter().map(|(piece, ..)| piece.len()).sum();
+    let stride = samples.div_ceil(ENOUGH).max(1);
+    let mut found = Dataset::default();
+    for (piece, clock, known, of) in short_segments.into_iter().step_by(stride) {
+        let mark = whole(&piece, true);
+        let session = Session::new(piece, clock, Vec::new())
+            .sampled(of.sampled_every())
+            .standing(of.placement())
+            .knowing(known);
+        found.push(session, vec![mark]);
+    }
+    found.knowing(data.known_ranges())
+}
 
 /// A subsample of the sessions, to rank initial guesses and candidates before the best
 /// are fitted to everything.
@@ -220,6 +282,14 @@ fn cut(session: &Session, samples: Range<usize>, stride: usize) -> Recording {
             ..Meta::default()
         },
         ..Recording::default()
+    }
+}
+
+fn whole(recording: &Recording, fitted: bool) -> Mark {
+    Mark {
+        range: 0..recording.len(),
+        about: Recording::default(),
+        fitted,
     }
 }
 
