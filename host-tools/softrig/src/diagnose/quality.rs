@@ -22,8 +22,7 @@ use super::candidates::Candidate;
 use super::noise::NoiseFloor;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Fitter};
-use crate::estimate::nuisance::rest_at_start;
-use crate::statistics::{mean, median, moves, swing};
+use crate::statistics::{median, moves, swing};
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::{ModelFile, parameter_name};
 use softrig_formats::recording::Recording;
@@ -49,17 +48,10 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
                 "keep it if so little pressure moves nothing; otherwise check the angle sensor",
             ));
         }
-        if moves(&recording.time, &recording.pressure) {
-            continue;
-        }
-        if is_moved_by_nothing(recording) {
-            concerns.push(Concern::of(
-                Matter::ConstantPressure,
-                Some(recording),
-                "the pressure never changes, and the angle leaves its rest: nothing that was recorded moves it".into(),
-                "check the pressure sensor, and which column is the pressure; of a swing that a hand began, keep what follows the release",
-            ));
-        } else if swing(&recording.pressure) > 0.0 && recordings.len() > 1 {
+        if !moves(&recording.time, &recording.pressure)
+            && swing(&recording.pressure) > 0.0
+            && recordings.len() > 1
+        {
             concerns.push(Concern::of(
                 Matter::ConstantPressure,
                 Some(recording),
@@ -91,24 +83,6 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
         ));
     }
     Ok(concerns)
-}
-
-/// Whether an angle leaves its rest farther than a swing that is let go there could: that never
-/// gets farther from where it ends than where it began, since nothing adds to its energy.
-fn is_moved_by_nothing(recording: &Recording) -> bool {
-    /// Samples of the end.
-    const LAST: usize = 5;
-    /// Share of the whole motion that is no accident of the noise.
-    const SHARE: f64 = 0.2;
-    let angle = &recording.angle;
-    let rest = rest_at_start(recording);
-    if rest == 0 || !moves(&recording.time, angle) {
-        return false;
-    }
-    let end = mean(&angle[angle.len().saturating_sub(LAST)..]);
-    let began = (mean(&angle[..rest]) - end).abs();
-    let farthest = angle.iter().map(|it| (it - end).abs()).fold(0.0, f64::max);
-    farthest > began + SHARE * swing(angle)
 }
 
 /// The range of a recording's angle (°), in words.
@@ -422,35 +396,6 @@ pub(crate) mod tests {
         let alone = [still.clone(), still];
         let refusal = examine(&alone, &NoiseFloor::of(&alone)).unwrap_err();
         assert!(refusal.to_string().contains("holds no motion"), "{refusal}");
-    }
-
-    /// A pressure sensor that is not connected; and a swing that is let go, which needs none.
-    #[test]
-    fn a_motion_that_nothing_recorded_makes_is_said() {
-        let (_, recordings) = example(27);
-        let without = |recording: &Recording| Recording {
-            pressure: vec![0.0; recording.len()],
-            ..recording.clone()
-        };
-        let said = |recording: &Recording| {
-            let runs = [recording.clone()];
-            let found = examine(&runs, &NoiseFloor::of(&runs)).unwrap();
-            let mut found = found.iter();
-            found.any(|concern| concern.text.contains("nothing that was recorded moves it"))
-        };
-        let returns = &recordings[3];
-        assert!(!said(returns));
-        assert!(said(&without(returns)));
-        let let_go = |rate: f64| Recording {
-            angle: (returns.time.iter().zip(&returns.angle))
-                .map(|(t, noisy)| {
-                    let noise = 0.01 * (noisy * 1e4).sin();
-                    (-0.3 * t).exp() * (rate * t).cos() + noise
-                })
-                .collect(),
-            ..without(returns)
-        };
-        assert!(!said(&let_go(5.0)) && !said(&let_go(0.6)));
     }
 
     #[test]

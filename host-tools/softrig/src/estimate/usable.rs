@@ -348,7 +348,7 @@ fn let_go(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
             since(taken),
             since(released)
         ),
-        "begin a recording after the release, or record the force",
+        "begin a recording after the release, or record the force; if no hand did it, check the pressure sensor",
     ));
     released
 }
