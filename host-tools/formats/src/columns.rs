@@ -643,6 +643,9 @@ pub struct Layout {
     pub skip_rows: Option<u64>,
     /// Whether lines that are no rows are refused, however few they are.
     pub strict: bool,
+    /// Whether a file says where the recordings of other tools stand, and nobody in person where
+    /// this one does: one that softrig has recorded is then read as that.
+    pub of_a_file: bool,
 }
 
 /// The name of a pressure that nobody recorded: there is none, all the time.
@@ -671,7 +674,29 @@ impl Layout {
             setup: self.setup.or(&other.setup),
             skip_rows: self.skip_rows.or(other.skip_rows),
             strict: self.strict || other.strict,
+            of_a_file: if self.is_silent() {
+                other.of_a_file
+            } else {
+                self.of_a_file
+            },
         }
+    }
+
+    /// Whether nothing is said of columns.
+    fn is_silent(&self) -> bool {
+        self.names == Names::default()
+            && self.columns == Columns::default()
+            && self.skip_rows.is_none()
+    }
+
+    /// The layout of what softrig records itself, with what else is said here; none if a person
+    /// says where the columns are, or nobody says anything.
+    pub fn as_recorded(&self) -> Option<Self> {
+        (self.of_a_file && self.names != Names::default()).then(|| Self {
+            setup: self.setup.clone(),
+            strict: self.strict,
+            ..Self::default()
+        })
     }
 }
 

@@ -509,6 +509,7 @@ impl ModelReader<'_> {
                 "setup",
             ],
         )?;
+        layout.of_a_file = true;
         layout.setup = self.toml.setup(table)?.unwrap_or_default();
         self.entries(table, "columns", "pressure = \"p_psi\"", |key, column| {
             layout.names.set(key, column)

@@ -834,6 +834,37 @@ mod tests {
 
     const GOOD: &str = "time_s,pressure_kpa,angle_deg,note\n0,0,0,a\n0.01,10,90,b\n";
 
+    /// A folder of another tool's recordings gets a board: what the board records there is read
+    /// too, unless somebody says on the command line where the columns are.
+    #[test]
+    fn what_softrig_records_is_read_in_a_folder_of_other_recordings() {
+        let path = Path::new("softrig.toml");
+        let text = "[recording]\ncolumns = { time = \"ms\", pressure = \"psi\", angle = \"flex\" }\n\
+            units = { time = \"ms\", pressure = \"psi\" }\nflip_angle = true\n";
+        let folder = crate::model_file::recording_layout(text, path).unwrap();
+        let read = |text: &str, layout: &Layout| {
+            Recording::parse_bytes(text.as_bytes(), Path::new("run.csv"), layout)
+        };
+        let (theirs, said) = read("ms,psi,flex\n0,0,0\n10,1,90\n", &folder).unwrap();
+        assert!((theirs.pressure[1] - 6_894.757).abs() < 0.01 && theirs.angle[1] < 0.0);
+        assert!(said.is_empty(), "{said:?}");
+        let (own, said) = read(GOOD, &folder).unwrap();
+        assert!((own.pressure[1] - 10_000.0).abs() < 1e-6 && own.angle[1] > 1.5);
+        assert!(said[0].starts_with("run.csv: is read by"), "{said:?}");
+        let typed = Layout {
+            names: crate::columns::Names::parse("time=ms").unwrap(),
+            ..Layout::default()
+        };
+        let error = read(GOOD, &typed.or(&folder)).unwrap_err().to_string();
+        assert!(error.contains("no column ms"), "{error}");
+        // Flags that say nothing of columns leave it to the files.
+        let strict = Layout {
+            strict: true,
+            ..Layout::default()
+        };
+        assert!(read(GOOD, &strict.or(&Layout::default()).or(&folder)).is_ok());
+    }
+
     #[test]
     fn what_only_stands_beside_a_recording_is_left_out_with_a_sentence() {
         let folder = tempfile::tempdir().unwrap();

@@ -243,6 +243,28 @@ impl Samples {
 ///
 /// Names file, place and remedy for anything that is not a recording, or larger than any.
 pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
+    as_said_or_recorded(path, layout, |layout| read_file(path, layout))
+}
+
+/// Reads as `layout` says; what softrig has recorded itself needs no file to say where its columns
+/// are, and is read also where one says it of other recordings.
+fn as_said_or_recorded(
+    path: &Path,
+    layout: &Layout,
+    read: impl Fn(&Layout) -> Result<Samples, InputError>,
+) -> Result<Samples, InputError> {
+    read(layout).or_else(|error| {
+        let own = layout.as_recorded().and_then(|own| read(&own).ok());
+        let mut samples = own.ok_or(error)?;
+        samples.warnings.push(format!(
+            "{}: is read by the columns that softrig records; [recording] names others",
+            path.display()
+        ));
+        Ok(samples)
+    })
+}
+
+fn read_file(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
     let fail = |error: std::io::Error| InputError::from_io(path, &error);
     bounded::refuse_pipe(path)?;
     if path.is_dir() {
@@ -267,7 +289,9 @@ pub fn read(path: &Path, layout: &Layout) -> Result<Samples, InputError> {
 ///
 /// Like [`read`].
 pub fn read_bytes(bytes: &[u8], path: &Path, layout: &Layout) -> Result<Samples, InputError> {
-    read_unpacked(bytes, bytes, path, layout, Limits::RECORDING)
+    as_said_or_recorded(path, layout, |layout| {
+        read_unpacked(bytes, bytes, path, layout, Limits::RECORDING)
+    })
 }
 
 /// Reads what may be packed with gzip.
