@@ -6,10 +6,10 @@
 use model_core::actuator::Model;
 
 use super::candidates::Candidate;
-use super::finding::Finding;
+use super::decide::Remains;
 use super::identifiability::{self, Identifiability, Refitted};
 use super::measure::excess;
-use super::noise::{NoiseFloor, adequate};
+use super::noise::NoiseFloor;
 use super::policy::{Policy, Search};
 use super::progress::Stage;
 use super::validation::CrossValidator;
@@ -102,13 +102,7 @@ impl Baseline {
             .compare(best)
             .residuals;
         let left = rms(&residuals.concat());
-        if left
-            <= Search::STANDARD.rms_factor
-                * libm::hypot(
-                    self.floor.rms,
-                    Search::STANDARD.input_factor * self.floor.input,
-                )
-        {
+        if self.floor.covers(left) {
             return None;
         }
         let weight = left / self.floor.white * correlation_time(&residuals).sqrt();
@@ -130,33 +124,37 @@ impl Baseline {
         })
     }
 
-    /// The answer if only noise is left without any effect.
-    pub fn find_quiet(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
-        let refitted = if adequate(&self.nominal, &self.floor) {
+    /// Validation of structures beside the model as supplied, with the floor of all recordings.
+    pub fn validator<'a>(&'a self, fitter: &'a Fitter<'a>) -> CrossValidator<'a> {
+        let mut validator =
+            CrossValidator::new(&self.file, fitter, self.floor.input).beside(self.nominal.model);
+        validator.raise_floor(self.floor.rms);
+        validator
+    }
+
+    /// Whether only noise is left without any effect.
+    pub fn find_quiet(&self, validator: &CrossValidator<'_>) -> Option<Remains> {
+        let refitted = if self.floor.is_all_that_remains(&self.nominal) {
             false
-        } else if adequate(&self.refit.fit, &self.floor) {
+        } else if self.floor.is_all_that_remains(&self.refit.fit) {
             self.were_parameters_off(validator)
         } else {
             return None;
         };
-        Some(Finding::Quiet {
-            refitted,
-            immaterial: false,
-        })
+        Some(Remains::Noise { refitted })
     }
 
-    /// The answer if nothing that no effect explains matters: the refit leaves less than the
+    /// Whether nothing that no effect explains matters: the refit leaves less than the
     /// tolerance beyond the noise, fitted and held out.
-    pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Finding> {
+    pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Remains> {
         let noise = self.floor.total();
         let errors = [self.refit.fit.rmse(), validator.error_of(&self.refit)];
         let tolerance = tolerance(&self.data);
         errors
             .into_iter()
             .all(|error| excess(error, noise, &Policy::STANDARD) <= tolerance)
-            .then(|| Finding::Quiet {
+            .then(|| Remains::Little {
                 refitted: self.were_parameters_off(validator),
-                immaterial: true,
             })
     }
 

@@ -1,15 +1,11 @@
 //! What a diagnosis found, as a type.
 //!
-//! [`decide`](super::decide) speaks of rows by their index; [`Finding`] says the same with the
-//! effects themselves, and only what goes with each answer: a name has a strength, a family has
-//! rivals, a quiet rig has neither. Terminal, page, Python and JSON are renderings of it.
-
-use std::collections::BTreeSet;
+//! [`decide`](super::decide) makes it. A [`Finding`] has only what goes with each answer: a name has a
+//! strength, a family has rivals, a quiet rig has neither. Terminal, page, Python and JSON are renderings of it.
 
 use model_core::catalogue::Kind;
 use model_core::effects::table::Variable;
 
-use super::budget::{SearchPart, is_open, tried_sizes};
 use super::verdict::{Alternative, Answer, Strength};
 use softrig_formats::family::Family;
 
@@ -120,27 +116,6 @@ pub enum Finding {
 }
 
 impl Finding {
-    /// A set of explanations that cannot be told apart: one is a trace.
-    pub fn undecided(
-        mut rivals: Vec<Explanation>,
-        families: Vec<Family>,
-        strength: Strength,
-    ) -> Self {
-        if rivals.len() == 1 {
-            Self::Trace {
-                explanation: rivals.remove(0),
-                families,
-                strength,
-            }
-        } else {
-            Self::Rivals {
-                rivals,
-                families,
-                strength,
-            }
-        }
-    }
-
     /// The answer of the JSON.
     pub const fn answer(&self) -> Answer {
         match self {
@@ -159,12 +134,6 @@ impl Finding {
     /// Whether nothing is missing, or nothing that matters.
     pub const fn is_quiet(&self) -> bool {
         matches!(self, Self::Quiet { .. })
-    }
-
-    /// The finding where noise of a size that may hide an effect is left.
-    #[must_use]
-    pub fn under_noise(self) -> Self {
-        if self.is_quiet() { Self::Noisy } else { self }
     }
 
     /// The effects that are named.
@@ -227,110 +196,6 @@ impl Finding {
             | Self::Named { .. }
             | Self::OutOfTime { .. }
             | Self::Unexplained { .. } => &[],
-        }
-    }
-
-    /// Limits a finding to what the finished parts of a search support: a name becomes the best
-    /// so far.
-    pub fn as_far_as_tried(self, undone: &BTreeSet<SearchPart>) -> Self {
-        let open = is_open(undone);
-        match self {
-            Self::Named { effects, .. } if effects.len() > tried_sizes(undone) => Self::OutOfTime {
-                closest: Some(Explanation {
-                    kinds: effects.iter().map(|it| it.kind).collect(),
-                    probability: effects.iter().fold(1.0, |all, it| all.min(it.probability)),
-                    delta_bic: 0.0,
-                }),
-            },
-            Self::Trace { explanation, .. } if open => Self::OutOfTime {
-                closest: Some(explanation),
-            },
-            Self::Quiet { refitted: true, .. } | Self::Unexplained { .. } if open => {
-                Self::OutOfTime { closest: None }
-            }
-            stands => stands,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn explanation(kind: Kind) -> Explanation {
-        Explanation {
-            kinds: vec![kind],
-            probability: 0.9,
-            delta_bic: 0.0,
-        }
-    }
-
-    fn named(kinds: &[Kind]) -> Finding {
-        Finding::Named {
-            effects: kinds
-                .iter()
-                .map(|&kind| NamedKind {
-                    kind,
-                    probability: 0.97,
-                })
-                .collect(),
-            strength: Strength::Explains,
-            rivals: Vec::new(),
-        }
-    }
-
-    #[test]
-    fn a_finding_claims_no_more_than_was_tried() {
-        use Answer::{CannotTell, EffectFound, NoDiscrepancy, Unexplained};
-        let after = |finding: Finding, undone: &[SearchPart]| {
-            finding
-                .as_far_as_tried(&undone.iter().copied().collect())
-                .answer()
-        };
-        let single = SearchPart::Alone(Kind::Gravity);
-        let one = || named(&[Kind::Leak]);
-        let two = || named(&[Kind::Leak, Kind::DeadTime]);
-        let none = || Finding::Unexplained {
-            closest: vec![explanation(Kind::Leak)],
-        };
-        assert_eq!(after(one(), &[]), EffectFound);
-        assert_eq!(after(one(), &[single]), CannotTell);
-        assert_eq!(after(one(), &[SearchPart::Combinations]), EffectFound);
-        assert_eq!(after(two(), &[SearchPart::Combinations]), CannotTell);
-        assert_eq!(after(two(), &[SearchPart::Table]), EffectFound);
-        assert_eq!(after(none(), &[SearchPart::Horizons]), CannotTell);
-        assert_eq!(after(none(), &[SearchPart::Experiment]), Unexplained);
-        // What agrees within its noise does so whatever else was not tried.
-        let quiet = Finding::Quiet {
-            refitted: false,
-            immaterial: false,
-        };
-        assert_eq!(after(quiet, &[SearchPart::Calibrated]), NoDiscrepancy);
-    }
-
-    /// What came closest until the time was up is not lost, and is no name.
-    #[test]
-    fn a_name_that_does_not_stand_came_closest() {
-        let undone = BTreeSet::from([SearchPart::Alone(Kind::Gravity)]);
-        let found = named(&[Kind::Leak]).as_far_as_tried(&undone);
-        assert_eq!(found.named(), []);
-        assert_eq!(found.strength(), None);
-        assert_eq!(found.explanations()[0].kinds, [Kind::Leak]);
-    }
-
-    #[test]
-    fn one_explanation_is_a_trace_and_several_are_rivals() {
-        let of = |kinds: &[Kind]| {
-            let all = kinds.iter().map(|&kind| explanation(kind)).collect();
-            Finding::undecided(all, vec![Family::Creep], Strength::Part)
-        };
-        let one = of(&[Kind::MaxwellBranch]);
-        assert!(matches!(one, Finding::Trace { .. }));
-        let two = of(&[Kind::MaxwellBranch, Kind::Leak]);
-        assert!(matches!(two, Finding::Rivals { .. }));
-        for found in [one, two] {
-            assert_eq!(found.answer(), Answer::CannotTell);
-            assert_eq!(found.families(), [Family::Creep]);
         }
     }
 }

@@ -221,10 +221,8 @@ impl Extension<'_> {
 
     /// Whether the best structure of a size leaves hardly more than the noise.
     fn leaves_noise(&self, size: usize, noise: f64) -> bool {
-        /// Multiple of the noise.
-        const HARDLY_MORE: f64 = 1.1;
         self.of_size(size)
             .first()
-            .is_some_and(|row| row.row.held_out.full <= HARDLY_MORE * noise)
+            .is_some_and(|row| row.row.held_out.full <= self.measuring.policy.at_noise * noise)
     }
 }

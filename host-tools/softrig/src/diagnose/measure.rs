@@ -149,8 +149,6 @@ impl MeasureContext<'_> {
     ) -> Vec<Measured> {
         /// Number of each.
         const MEASURED: usize = 5;
-        /// Those with less evidence leave at most this multiple of the least error.
-        const COMPARABLE: f64 = 1.5;
         let executor = self.levels.executor();
         let progress = executor.progress();
         progress.step("evidence", 0);
@@ -170,7 +168,7 @@ impl MeasureContext<'_> {
             .map(|row| row.leaves)
             .fold(f64::INFINITY, f64::min);
         others.truncate(MEASURED);
-        others.retain(|row| row.leaves <= COMPARABLE * ahead);
+        others.retain(|row| row.leaves <= self.policy.comparable * ahead);
         coarse.extend(others);
         progress.step("validation", coarse.len());
         coarse

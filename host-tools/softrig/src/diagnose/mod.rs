@@ -10,8 +10,8 @@
 //! 5. [`mod@localise`] shows which feature the missing force goes with, by a [`smoother`].
 //! 6. [`mod@search`] fits the [`candidates`] of the catalogue, alone and in [`pairs`].
 //! 7. [`validation`] tests structures on held-out runs, [`draws`] show how sure a difference
-//!    is, [`doubts`] what keeps a structure from being named, and [`mod@decide`] decides.
-//! 8. [`selection`] gives the answer, a [`finding`], written as a [`verdict`].
+//!    is, and [`doubts`] what keeps a structure from being named; [`selection`] is what is left.
+//! 8. [`mod@decide`] makes the answer, once: a [`finding`], written as a [`verdict`].
 //! 9. [`plan`] proposes the run that separates the rivals, and [`turns`] says where a session
 //!    behaves as if the rig had stood otherwise than it is said.
 //!
@@ -71,16 +71,17 @@ use baseline::Baseline;
 pub use budget::Budget;
 use budget::{Ended, SearchPart};
 use candidates::{Candidate, Untried};
+use decide::{Evidence, Remains, decide};
 use finding::{Explanation, Finding, names};
 use identifiability::Identifiability;
 use localise::{Gap, localise};
-use noise::{NoiseFloor, adequate};
+use noise::NoiseFloor;
 use plan::{Limits, Proposal};
 pub use progress::Progress;
 use progress::Stage;
 use quality::Concern;
 use search::{Options, Searched, search};
-use selection::{FittedStructure, Selection};
+use selection::FittedStructure;
 use softrig_formats::error::InputError;
 use softrig_formats::family;
 use softrig_formats::left_out::LeftOut;
@@ -89,7 +90,7 @@ use softrig_formats::numbers::tidy;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
 use softrig_formats::settings_file::from_model;
-use validation::{CrossValidator, HeldOut};
+use validation::HeldOut;
 use verdict::{
     Adequacy, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place,
     Remaining, Repair, SCHEMA, Verdict, Zeros,
@@ -233,200 +234,217 @@ pub fn diagnose_from(
     refuse_implausible(request.file, &assembled.data)?;
     assembled = assembled.from_rest(used.recordings);
     assembled.data = assembled.data.knowing(&request.file.within);
-    let mut found = diagnose_zeros(&used, &assembled.data, checkpoint, progress)?;
+    let mut pass = Pass::with_zeros(&used, &assembled.data, checkpoint, progress)?;
     let mut odd_concern = None;
     let mut left_out = None;
-    let outlier = found.outlier.take();
-    if outlier.is_some() && !progress.may_begin(SearchPart::WithoutOutlier) {
-        odd_concern = outlier.map(|outlier| outlier.kept);
-    } else if let Some(outlier) = outlier {
-        progress.again("once more, without the recording that does not belong");
-        let others = assembled.data.dropping(outlier.index);
-        left_out = assembled
-            .data
-            .fitted()
-            .nth(outlier.index)
-            .and_then(|segment| {
-                let path = &segment.recording.path;
-                let is_it = |recording: &Recording| recording.path == *path;
-                request.recordings.iter().position(is_it)
-            });
-        found = diagnose_zeros(&used, &others, checkpoint, progress)?;
-        odd_concern = Some(outlier.concern);
+    if let Some(outlier) = pass.outlier() {
+        if progress.may_begin(SearchPart::WithoutOutlier) {
+            progress.again("once more, without the recording that does not belong");
+            let others = assembled.data.dropping(outlier.index);
+            let path = assembled.data.fitted().nth(outlier.index);
+            let path = path.map(|segment| segment.recording.path.clone());
+            let mut files = request.recordings.iter();
+            left_out = path.and_then(|path| files.position(|file| file.path == path));
+            pass = Pass::with_zeros(&used, &others, checkpoint, progress)?;
+            odd_concern = Some(outlier.concern);
+        } else {
+            odd_concern = Some(outlier.kept);
+        }
     }
-    let mut diagnosis = found.diagnosis;
-    diagnosis.left_out = left_out;
-    diagnosis.not_used = assembled.left_out;
-    let own = diagnosis.concerns;
-    diagnosis.concerns = odd_concern
+    let concerns = odd_concern
         .into_iter()
         .chain(too_many)
         .chain(assembled.concerns)
-        .filter(|concern| concern.matter != Matter::LeftOut)
-        .chain(own)
-        .collect();
-    diagnosis.ended = progress.ended();
-    let most = policy::Policy::STANDARD.most_noise * baseline::swing_of_all(&diagnosis.data);
-    if diagnosis.floor.total() > most {
-        diagnosis.finding = diagnosis.finding.under_noise();
+        .filter(|concern| concern.matter != Matter::LeftOut);
+    Ok(Diagnosis {
+        left_out,
+        not_used: assembled.left_out,
+        ..pass.diagnosis(&used, concerns.collect(), progress)
+    })
+}
+
+/// One search over recordings, and what it leaves to be decided.
+struct Pass {
+    searched: Searched,
+    concerns: Vec<Concern>,
+}
+
+impl Pass {
+    /// With estimated zeros, unless they hide an effect. If the estimated zeros alone explain the
+    /// recordings, but their penalty exceeds the price of an effect, the effects are tried again
+    /// with zeros as calibrated. If none explains the recordings, the zeros remain the answer.
+    fn with_zeros(
+        request: &Request<'_>,
+        data: &Dataset,
+        checkpoint: &Checkpoint,
+        progress: &Progress,
+    ) -> Result<Self, InputError> {
+        let estimated = Self::of(request, data, checkpoint, progress)?;
+        let baseline = &estimated.searched.baseline;
+        // The best of so many effects, by as much as is very strong evidence for one.
+        let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
+        let effect = policy::Search::STANDARD.effect_evidence + 2.0 * libm::log(choices);
+        if estimated.searched.remains == Remains::More
+            || cost_of_zeros(&baseline.data, &baseline.refit.fit) < effect
+            || !progress.may_begin(SearchPart::Calibrated)
+        {
+            return Ok(estimated);
+        }
+        progress.again("once more, with zeros as calibrated");
+        let calibrated = Self::of(request, &data.calibrated(), checkpoint, progress)?;
+        // Not if it is open only because the time was up.
+        let ranking = &calibrated.searched.found.ranking;
+        let explains =
+            !ranking.rivals.is_empty() && (ranking.is_firm || progress.ended().is_none());
+        Ok(if explains { calibrated } else { estimated })
     }
-    if let Some(ended) = &diagnosis.ended {
-        diagnosis.finding = diagnosis.finding.as_far_as_tried(&ended.undone);
-        // An effect of the repaired model was tried, if not fully.
-        let tried = &diagnosis.repaired.added;
-        let kinds = ended.kinds().into_iter();
-        let untried = kinds
-            .filter(|kind| !tried.contains(kind))
-            .map(|kind| Untried {
+
+    fn of(
+        request: &Request<'_>,
+        data: &Dataset,
+        checkpoint: &Checkpoint,
+        progress: &Progress,
+    ) -> Result<Self, InputError> {
+        progress.stage(Stage::Quality, 0);
+        let (floor, mut concerns) = examined(data)?;
+        let baseline = Baseline::of(request, data, &floor, progress)?;
+        let options = Options {
+            checkpoint,
+            progress,
+            seed: request.seed,
+            own: request.own_kinds(),
+        };
+        let searched = search(baseline, options);
+        concerns.extend(searched.baseline.remarks.iter().cloned());
+        Ok(Self { searched, concerns })
+    }
+
+    /// A recording that no structure fits together with the others.
+    fn outlier(&self) -> Option<quality::Outlier> {
+        let Searched {
+            found, baseline, ..
+        } = &self.searched;
+        let (file, floor) = (&baseline.file, &baseline.floor);
+        if floor.is_all_that_remains(&found.repaired.fit) || baseline.data.segments().len() < 3 {
+            return None;
+        }
+        let fitter = Fitter::new(&file.model, &baseline.data);
+        let mut candidates = found.best().into_iter().chain([&baseline.refit]);
+        candidates.find_map(|it| quality::outlying_recording(file, &fitter, it, floor))
+    }
+
+    /// The answer, and all that is told with it; the concerns about the files come first.
+    fn diagnosis(
+        self,
+        request: &Request<'_>,
+        about_files: Vec<Concern>,
+        progress: &Progress,
+    ) -> Diagnosis {
+        let Self { searched, concerns } = self;
+        let Searched {
+            remains,
+            found,
+            mut untried,
+            baseline,
+        } = searched;
+        let most_noise =
+            policy::Policy::STANDARD.most_noise * baseline::swing_of_all(&baseline.data);
+        let finding = decide(
+            &Evidence {
+                remains,
+                is_noisy: baseline.floor.total() > most_noise,
+                scored: &found.rows.scored,
+                ranking: &found.ranking,
+                beside: found.beside,
+                repaired: &found.repaired.added,
+                undone: &progress.undone(),
+            },
+            &policy::Policy::STANDARD,
+        );
+        // Rivals of an answer that does not stand are not planned for.
+        let rivals = match finding {
+            Finding::Rivals { .. } | Finding::Shape { .. } | Finding::Trace { .. } => {
+                found.rivals()
+            }
+            _ => Vec::new(),
+        };
+        let Baseline {
+            data,
+            file,
+            nominal,
+            refit,
+            identified,
+            floor,
+            remarks: _,
+        } = &baseline;
+        let fitter = Fitter::new(&file.model, data);
+        let validator = baseline.validator(&fitter);
+        let repaired = &found.repaired;
+        let localised = |fit: &Fit| localise(&fit.model, data, &fit.nuisances, floor.white);
+        progress.stage(Stage::Gap, 0);
+        let gap = localised(&refit.fit);
+        progress.stage(Stage::Board, 0);
+        let held_out = validator.errors(refit, repaired);
+        let is_adequate = floor.is_all_that_remains(&repaired.fit);
+        let adds = !repaired.added.is_empty();
+        let adequacy = Adequacy {
+            adequate: is_adequate,
+            holdout_gap_closed: if adds { held_out.gap_closed() } else { 0.0 },
+            exact_form: is_adequate && held_out.at_noise(),
+        };
+        // What the answer stands on is said first.
+        let setups = turns::contradictions(file, data, refit, floor.rms, progress);
+        let concerns = about_files
+            .into_iter()
+            .chain(setups)
+            .chain(concerns)
+            .chain(quality::slow_effects(repaired, data))
+            .chain(far_zeros(&repaired.fit, data))
+            .collect();
+        let proposals = if rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
+            let sensor = Limits::default().of_rig(request.recordings);
+            propose(&file.model, &rivals, floor, &sensor)
+        } else {
+            Vec::new()
+        };
+        let ended = progress.ended();
+        if let Some(ended) = &ended {
+            // An effect of the repaired model was tried, if not fully.
+            let kinds = ended.kinds().into_iter();
+            let untried_kinds = kinds.filter(|kind| !repaired.added.contains(kind));
+            untried.extend(untried_kinds.map(|kind| Untried {
                 kind,
                 reason: "the time was up",
-            });
-        diagnosis.untried.extend(untried);
+            }));
+        }
+        Diagnosis {
+            concerns,
+            not_used: Vec::new(),
+            left_out: None,
+            validation: Validations::of(&fitter, &nominal.model, refit, repaired, &rivals),
+            tolerance: baseline::tolerance(data),
+            closure: adds.then(|| measure::closed(&validator, refit, repaired)),
+            gap_left: adds.then(|| localised(&repaired.fit)),
+            identifiability: [
+                Identifiability::of(&repaired.fit, &identified.held, identified.order),
+                identified.clone(),
+            ],
+            held_out,
+            tried: found.tried(validator.floor()),
+            rivals,
+            proposals,
+            adequacy,
+            gap,
+            untried,
+            ended,
+            finding,
+            floor: floor.clone(),
+            nominal: nominal.clone(),
+            refit: refit.fit.clone(),
+            data: data.clone(),
+            repaired: found.repaired,
+        }
     }
-    Ok(diagnosis)
-}
-
-/// A diagnosis, and an outlying recording without which to repeat it.
-struct Found {
-    diagnosis: Diagnosis,
-    outlier: Option<quality::Outlier>,
-}
-
-/// Diagnoses with estimated zeros, unless they hide an effect. If the estimated zeros
-/// alone explain the recordings, but their penalty exceeds the price of an effect, the
-/// effects are tried again with zeros as calibrated. If none explains the recordings, the
-/// zeros remain the answer.
-fn diagnose_zeros(
-    request: &Request<'_>,
-    data: &Dataset,
-    checkpoint: &Checkpoint,
-    progress: &Progress,
-) -> Result<Found, InputError> {
-    let found = diagnose_all(request, data, checkpoint, progress)?;
-    let diagnosis = &found.diagnosis;
-    // The best of so many effects, by as much as is very strong evidence for one.
-    let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
-    let effect = policy::Search::STANDARD.effect_evidence + 2.0 * libm::log(choices);
-    if !diagnosis.finding.is_quiet()
-        || cost_of_zeros(&diagnosis.data, &diagnosis.refit) < effect
-        || !progress.may_begin(SearchPart::Calibrated)
-    {
-        return Ok(found);
-    }
-    progress.again("once more, with zeros as calibrated");
-    let calibrated = diagnose_all(request, &data.calibrated(), checkpoint, progress)?;
-    let explains = match calibrated.diagnosis.finding.answer() {
-        Answer::EffectFound => true,
-        // Not if the answer is open only because the time was up.
-        Answer::CannotTell => progress.ended().is_none(),
-        _ => false,
-    };
-    Ok(if explains { calibrated } else { found })
-}
-
-fn diagnose_all(
-    request: &Request<'_>,
-    data: &Dataset,
-    checkpoint: &Checkpoint,
-    progress: &Progress,
-) -> Result<Found, InputError> {
-    progress.stage(Stage::Quality, 0);
-    let (floor, mut concerns) = examined(data)?;
-    let baseline = Baseline::of(request, data, &floor, progress)?;
-    let options = Options {
-        checkpoint,
-        progress,
-        seed: request.seed,
-        own: request.own_kinds(),
-    };
-    let Searched {
-        found,
-        untried,
-        baseline,
-    } = search(baseline, options);
-    let Baseline {
-        data,
-        file,
-        nominal,
-        refit,
-        identified,
-        floor,
-        remarks,
-    } = baseline;
-    concerns.extend(remarks);
-    let file = &file;
-    let fitter = Fitter::new(&file.model, &data);
-    let mut validator = CrossValidator::new(file, &fitter, floor.input).beside(nominal.model);
-    validator.raise_floor(floor.rms);
-    progress.stage(Stage::Gap, 0);
-    let gap = localise(&refit.fit.model, &data, &refit.fit.nuisances, floor.white);
-    progress.stage(Stage::Board, 0);
-    let held_out = validator.errors(&refit, &found.repaired);
-    let is_adequate = adequate(&found.repaired.fit, &floor);
-    let adequacy = Adequacy {
-        adequate: is_adequate,
-        holdout_gap_closed: if found.repaired.added.is_empty() {
-            0.0
-        } else {
-            held_out.gap_closed()
-        },
-        exact_form: is_adequate && held_out.at_noise(),
-    };
-    let outlier =
-        if is_adequate || data.segments().len() < 3 {
-            None
-        } else {
-            found.best.iter().chain([&refit]).find_map(|candidate| {
-                quality::outlying_recording(file, &fitter, candidate, floor.rms)
-            })
-        };
-    concerns.extend(quality::slow_effects(&found.repaired, &data));
-    concerns.extend(far_zeros(&found.repaired.fit, &data));
-    // What the answer stands on is said first.
-    let setups = turns::contradictions(file, &data, &refit, floor.rms, progress);
-    concerns.splice(0..0, setups);
-    let proposals = if found.rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
-        let sensor = Limits::default().of_rig(request.recordings);
-        propose(&file.model, &found.rivals, &floor, &sensor)
-    } else {
-        Vec::new()
-    };
-    let added = !found.repaired.added.is_empty();
-    let closure = added.then(|| measure::closed(&validator, &refit, &found.repaired));
-    let gap_left = added.then(|| {
-        let fit = &found.repaired.fit;
-        localise(&fit.model, &data, &fit.nuisances, floor.white)
-    });
-    let identifiability = [
-        Identifiability::of(&found.repaired.fit, &identified.held, identified.order),
-        identified,
-    ];
-    let validation = Validations::of(&fitter, &nominal.model, &refit, &found);
-    let diagnosis = Diagnosis {
-        finding: found.finding,
-        concerns,
-        identifiability,
-        floor,
-        nominal,
-        refit: refit.fit,
-        repaired: found.repaired,
-        tolerance: baseline::tolerance(&data),
-        closure,
-        gap_left,
-        held_out,
-        rivals: found.rivals,
-        tried: found.tried,
-        proposals,
-        adequacy,
-        gap,
-        untried,
-        validation,
-        left_out: None,
-        not_used: Vec::new(),
-        ended: None,
-        data,
-    };
-    Ok(Found { diagnosis, outlier })
 }
 
 /// Refuses recordings without motion, and columns that do not hold what their header says.
@@ -483,7 +501,13 @@ pub struct Validations {
 }
 
 impl Validations {
-    fn of(fitter: &Fitter<'_>, nominal: &Model<f64>, refit: &Candidate, found: &Selection) -> Self {
+    fn of(
+        fitter: &Fitter<'_>,
+        nominal: &Model<f64>,
+        refit: &Candidate,
+        repaired: &Candidate,
+        rivals: &[Candidate],
+    ) -> Self {
         if fitter.data.held_out().next().is_none() {
             return Self::default();
         }
@@ -491,12 +515,8 @@ impl Validations {
         Self {
             nominal: of(nominal),
             refit: of(&refit.fit.model),
-            repaired: of(&found.repaired.fit.model),
-            rivals: found
-                .rivals
-                .iter()
-                .map(|rival| of(&rival.fit.model))
-                .collect(),
+            repaired: of(&repaired.fit.model),
+            rivals: rivals.iter().map(|rival| of(&rival.fit.model)).collect(),
         }
     }
 }

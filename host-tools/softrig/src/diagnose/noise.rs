@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use super::policy::Search;
+use super::policy::{Policy, Search};
 use crate::estimate::checkpoint::fingerprint;
 use crate::estimate::filter::noise_floor;
 use crate::estimate::fit::{Fit, Fitter};
@@ -125,6 +125,22 @@ impl NoiseFloor {
             white: self.white.min(left),
             ..self
         }
+    }
+
+    /// Whether an RMS error (rad) may be noise alone.
+    pub fn covers(&self, error: f64) -> bool {
+        error <= self.beside_input(Policy::STANDARD.at_noise)
+    }
+
+    /// Whether what a fit leaves cannot be told from noise: neither its size nor its colour.
+    pub fn is_all_that_remains(&self, fit: &Fit) -> bool {
+        let coloured = coloured_rms(&fit.residuals);
+        coloured <= self.beside_input(Search::STANDARD.coloured_share) && self.covers(fit.rmse())
+    }
+
+    /// A share of the floor together with what noise of the input may do (rad).
+    fn beside_input(&self, share: f64) -> f64 {
+        libm::hypot(share * self.rms, Search::STANDARD.input_factor * self.input)
     }
 
     /// The largest source of the floor, in words.
@@ -385,14 +401,6 @@ fn pure_error(residuals: &[Vec<f64>], groups: &[Vec<usize>]) -> Option<f64> {
         freedom += shortest * runs.len().saturating_sub(1);
     }
     (freedom > 0).then(|| (sum / freedom as f64).sqrt())
-}
-
-/// Whether a residual cannot be distinguished from noise.
-pub fn adequate(fit: &Fit, floor: &NoiseFloor) -> bool {
-    let coloured = coloured_rms(&fit.residuals);
-    let input = Search::STANDARD.input_factor * floor.input;
-    coloured <= libm::hypot(Search::STANDARD.coloured_share * floor.rms, input)
-        && fit.rmse() <= libm::hypot(Search::STANDARD.rms_factor * floor.rms, input)
 }
 
 #[cfg(test)]

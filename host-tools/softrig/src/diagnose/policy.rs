@@ -82,8 +82,6 @@ policy! {
     /// A residual counts as noise if its coloured part stays below this share of the
     /// noise floor.
     coloured_share: 0.15, "noise floor", "set on clean simulated recordings";
-    /// A residual counts as noise if its RMS stays below this factor of the noise floor.
-    rms_factor: 1.08, "noise floor", "set on clean simulated recordings";
     /// Factor on the error from noise of the measured pressure.
     input_factor: 1.5, "–", "how well differences know the noise";
     /// Parameters were off if the refit leaves at most this share of the supplied model's
@@ -95,9 +93,6 @@ policy! {
     /// Final fits of combinations are made if the best leaves at most this multiple of the
     /// noise.
     may_leave: 2.0, "noise", "set on clean simulated recordings";
-    /// No further effect is searched beside one that leaves at most this multiple of the
-    /// noise.
-    done: 1.2, "noise", "what the right effect by another formula leaves";
     /// Evidence for zeros as calibrated before the effects are tried again with them.
     effect_evidence: 10.0, "2 ln Bayes factor", "very strong (Kass and Raftery 1995)";
 }

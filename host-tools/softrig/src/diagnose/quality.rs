@@ -129,14 +129,12 @@ pub fn outlying_recording(
     file: &ModelFile,
     fitter: &Fitter<'_>,
     candidate: &Candidate,
-    floor: f64,
+    floor: &NoiseFloor,
 ) -> Option<Outlier> {
     /// Fewest recordings that have a majority.
     const FEWEST: usize = 4;
     /// Least ratio of its error to that of the others.
     const STANDS_OUT: f64 = 2.5;
-    /// Largest ratio of an error to the noise floor that counts as agreement.
-    const AGREES: f64 = 1.25;
     /// Least relative difference of parameters for another actuator.
     const DIFFERS: f64 = 0.08;
     let places: Vec<usize> = (0..candidate.fit.residuals.len()).collect();
@@ -147,7 +145,7 @@ pub fn outlying_recording(
     let index = (0..each.len()).max_by(|&a, &b| each[a].total_cmp(&each[b]))?;
     let mut others_each: Vec<f64> = each.clone();
     others_each.remove(index);
-    if each[index] < STANDS_OUT * median(&mut others_each).max(floor) / 1.5 {
+    if each[index] < STANDS_OUT * median(&mut others_each).max(floor.rms) / 1.5 {
         return None;
     }
     let segment = fitter.data.fitted().nth(index)?;
@@ -163,11 +161,11 @@ pub fn outlying_recording(
     let only = fitter.data.only(&[index]);
     let alone = Fitter::new(nominal, &only);
     let predicted = alone.compare(&without.model).rmse();
-    if without.rmse() > AGREES * floor || predicted < STANDS_OUT * without.rmse() {
+    if !floor.covers(without.rmse()) || predicted < STANDS_OUT * without.rmse() {
         return None;
     }
     let own = alone.fit(&without.model, &file.free, Effort::Full);
-    if own.rmse() > AGREES * floor {
+    if !floor.covers(own.rmse()) {
         return None;
     }
     let (id, ratio) = file
@@ -364,8 +362,8 @@ pub(crate) mod tests {
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
         let refit = Candidate::of(0, fitter.fit(&file.model, &file.free, Effort::Full));
-        let floor = NoiseFloor::of(&recordings).white;
-        let odd = outlying_recording(&file, &fitter, &refit, floor).unwrap();
+        let floor = NoiseFloor::of(&recordings);
+        let odd = outlying_recording(&file, &fitter, &refit, &floor).unwrap();
         assert_eq!(
             (odd.index, odd.concern.recording.as_deref()),
             (index, Some("stranger"))
@@ -376,7 +374,7 @@ pub(crate) mod tests {
         let fitter = Fitter::new(&file.model, &data);
         let fit = fitter.fit(&file.model, &file.free, Effort::Full);
         let refit = Candidate::of(0, fit);
-        assert_eq!(outlying_recording(&file, &fitter, &refit, floor), None);
+        assert_eq!(outlying_recording(&file, &fitter, &refit, &floor), None);
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! The search: which structures are fitted, and how they are selected.
 
-use std::collections::BTreeSet;
-
 use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
@@ -10,8 +8,8 @@ use super::Progress;
 use super::baseline::{Baseline, in_step};
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, finished};
+use super::decide::Remains;
 use super::executor::Executor;
-use super::finding::Finding;
 use super::grade::{Graded, grade};
 use super::measure::MeasuredStructure;
 use super::progress::Stage;
@@ -43,7 +41,9 @@ pub struct Options<'a> {
 
 /// The result of a search.
 pub struct Searched {
-    /// The selection.
+    /// What the refit leaves without any effect.
+    pub remains: Remains,
+    /// What is left for the answer.
     pub found: Selection,
     /// Effects that do not apply to the recordings.
     pub untried: Vec<Untried>,
@@ -52,13 +52,32 @@ pub struct Searched {
 }
 
 impl Searched {
-    fn nothing(finding: Finding, untried: Vec<Untried>, baseline: Baseline) -> Self {
+    /// Where only noise is left.
+    fn nothing(remains: Remains, untried: Vec<Untried>, baseline: Baseline) -> Self {
         Self {
-            found: Selection::nothing(finding, &baseline.refit),
+            remains,
+            found: Selection::nothing(Rows::default(), &baseline.refit),
             untried,
             baseline,
         }
     }
+}
+
+/// What is left for the answer of these structures, and what the refit leaves without them.
+fn left_of(
+    rows: Rows,
+    baseline: &Baseline,
+    context: &FitContext<'_>,
+    validator: &CrossValidator<'_>,
+) -> (Remains, Selection) {
+    let ranking = rows.ranking(context);
+    if ranking.rivals.is_empty()
+        && let Some(little) = baseline.immaterial(validator)
+    {
+        return (little, Selection::nothing(rows, &baseline.refit));
+    }
+    let found = rows.selection(ranking, context, validator);
+    (Remains::More, found)
 }
 
 /// Searches the structures that add effects to the refit, and selects among them.
@@ -67,13 +86,7 @@ impl Searched {
 /// best one shows how much no formula explains: zeros are weighed against that, and
 /// structures are fitted at several horizons, and combined. If the budget ends the search,
 /// the answer claims no more than the finished parts support.
-pub fn search(baseline: Baseline, options: Options<'_>) -> Searched {
-    let mut searched = selected(baseline, options);
-    searched.found = as_far_as_tried(searched.found, &options.progress.undone());
-    searched
-}
-
-fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
+pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let (file, data) = (baseline.file.clone(), baseline.data.clone());
     let fitter = Fitter::new(&file.model, &data);
     let mut validator =
@@ -127,69 +140,50 @@ fn selected(mut baseline: Baseline, options: Options<'_>) -> Searched {
     }
     validator.refitting_up_to(most_of_rivals(pool[1..].iter(), &baseline.floor));
     let in_pool = rows(&validator, &pool);
-    if let Some(Grading {
+    let Some(Grading {
         graded,
         baseline: weighed,
         guesses,
     }) = graded
-    {
-        let baseline = Baseline {
-            floor: baseline.floor,
-            ..weighed
-        };
-        let found = {
-            let file = &baseline.file;
-            let fitter = Fitter::new(&file.model, &baseline.data);
-            let mut validator = CrossValidator::new(file, &fitter, baseline.floor.input)
-                .beside(baseline.nominal.model);
-            validator.raise_floor(baseline.floor.rms);
-            let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_RANK);
-            let fitters = material.fitters(&fitter);
-            let context = fitters.context(file, &material, &guesses, options);
-            let measured = Fitted {
-                refit: MeasuredStructure::of(&validator, baseline.refit.clone()),
-                rows: graded.measured.into_iter().map(|it| it.row).collect(),
-            };
-            let rows = Rows::of(
-                measured,
-                Some(in_pool),
-                &validator,
-                &baseline.floor,
-                options.seed,
-            );
-            or_immaterial(rows.selection(&context, &validator), &baseline, &validator)
-        };
+    else {
+        let rows = Rows::of(in_pool, None, &validator, &baseline.floor, options.seed);
+        let (remains, found) = left_of(rows, &baseline, &context, &validator);
         return Searched {
+            remains,
             found,
             untried,
             baseline,
         };
-    }
-    let rows = Rows::of(in_pool, None, &validator, &baseline.floor, options.seed);
-    let found = rows.selection(&context, &validator);
+    };
+    let baseline = Baseline {
+        floor: baseline.floor,
+        ..weighed
+    };
+    let (remains, found) = {
+        let file = &baseline.file;
+        let fitter = Fitter::new(&file.model, &baseline.data);
+        let validator = baseline.validator(&fitter);
+        let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_RANK);
+        let fitters = material.fitters(&fitter);
+        let context = fitters.context(file, &material, &guesses, options);
+        let measured = Fitted {
+            refit: MeasuredStructure::of(&validator, baseline.refit.clone()),
+            rows: graded.measured.into_iter().map(|it| it.row).collect(),
+        };
+        let rows = Rows::of(
+            measured,
+            Some(in_pool),
+            &validator,
+            &baseline.floor,
+            options.seed,
+        );
+        left_of(rows, &baseline, &context, &validator)
+    };
     Searched {
-        found: or_immaterial(found, &baseline, &validator),
+        remains,
+        found,
         untried,
         baseline,
-    }
-}
-
-/// The selection, or that nothing matters where little is left and nothing explains it.
-fn or_immaterial(
-    found: Selection,
-    baseline: &Baseline,
-    validator: &CrossValidator<'_>,
-) -> Selection {
-    if !matches!(found.finding, Finding::Unexplained { .. }) {
-        return found;
-    }
-    match baseline.immaterial(validator) {
-        Some(quiet) => Selection {
-            tried: found.tried,
-            best: found.best,
-            ..Selection::nothing(quiet, &baseline.refit)
-        },
-        None => found,
     }
 }
 
@@ -211,21 +205,6 @@ fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
             .into_par_iter()
             .map(|candidate| MeasuredStructure::of(validator, candidate.clone()))
             .collect(),
-    }
-}
-
-/// Limits a selection to what the finished parts support: rivals of an answer that does not
-/// stand are not planned for.
-fn as_far_as_tried(found: Selection, undone: &BTreeSet<SearchPart>) -> Selection {
-    let finding = found.finding.as_far_as_tried(undone);
-    let rivals = match finding {
-        Finding::OutOfTime { .. } => Vec::new(),
-        _ => found.rivals,
-    };
-    Selection {
-        finding,
-        rivals,
-        ..found
     }
 }
 

@@ -1,22 +1,18 @@
-//! The answer of a search: its rows, the decision from them, and what is written.
+//! What a search leaves for the answer: its rows, and the model that is written.
 //!
-//! Every structure that was fitted to all data is a row, whatever led to it. The decision
+//! Every structure that was fitted to all data is a row, whatever led to it. The ranking
 //! ([`super::decide`]) sees their errors; the repaired model is the best predictor among
-//! those that hold what is named.
+//! those that hold what remains.
 
 use model_core::catalogue::Kind;
-use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
 use super::budget::{SearchPart, tried_sizes};
 use super::candidates::{Candidate, FitContext, finished, release, simulated};
-use super::decide::{
-    Decision, Scored, as_far_as_tried, decide, is_special_case, probabilities, shaped,
-};
+use super::decide::{Beside, Ranking, Scored, behind, is_special_case, of_size, rank};
 use super::discrepancy::log_densities;
 use super::doubts::Doubt;
 use super::draws::Draws;
-use super::finding::{Explanation, Finding, NamedKind};
 use super::measure::{MeasuredStructure, closed, closure, excess};
 use super::noise::NoiseFloor;
 use super::policy::Policy;
@@ -25,12 +21,6 @@ use super::tables;
 use super::validation::CrossValidator;
 use crate::statistics::swing;
 use softrig_formats::recording::Recording;
-
-/// Number of rivals that are shown beside a name.
-pub const RIVALS_SHOWN: usize = 3;
-
-/// Number of rivals of an answer set that are shown.
-const SET_SHOWN: usize = 5;
 
 /// Number of rivals for which a run is planned.
 pub const RIVALS_PLANNED: usize = 3;
@@ -56,32 +46,73 @@ pub struct FittedStructure {
     pub at_bound: Vec<String>,
 }
 
-/// The selection of a search.
-#[derive(Clone, Debug)]
+/// What a search leaves for the answer.
 pub struct Selection {
-    /// The answer.
-    pub finding: Finding,
+    /// Every structure that was fitted to all data; none where nothing is missing.
+    pub rows: Rows,
+    /// What remains of them.
+    pub ranking: Ranking,
     /// The model that predicts held-out segments best, named or not; the refit where none
     /// is better.
     pub repaired: Candidate,
-    /// Every structure with a final fit.
-    pub tried: Vec<FittedStructure>,
-    /// Rivals to separate by a further run, best first.
-    pub rivals: Vec<Candidate>,
-    /// The structure with the smallest residual, named or not.
-    pub best: Option<Candidate>,
+    /// If that has a table of the own variable of the first of what remains, what it leaves.
+    pub beside: Option<Beside>,
 }
 
 impl Selection {
-    /// An answer that names nothing.
-    pub fn nothing(finding: Finding, refit: &Candidate) -> Self {
+    /// Without any structure but the refit, or with structures of which none explains what little
+    /// that leaves.
+    pub fn nothing(rows: Rows, refit: &Candidate) -> Self {
         Self {
-            finding,
+            rows,
+            ranking: Ranking::default(),
             repaired: refit.clone(),
-            tried: Vec::new(),
-            rivals: Vec::new(),
-            best: None,
+            beside: None,
         }
+    }
+
+    /// The structures that remain, to be separated by a further run, best first.
+    pub fn rivals(&self) -> Vec<Candidate> {
+        let rivals = self.ranking.rivals.iter().take(RIVALS_PLANNED);
+        rivals
+            .map(|&row| self.rows.all[row].candidate.clone())
+            .collect()
+    }
+
+    /// The structure with the smallest residual, named or not.
+    pub fn best(&self) -> Option<&Candidate> {
+        let rows = self.rows.all.iter();
+        rows.min_by(|a, b| a.fitted.full.total_cmp(&b.fitted.full))
+            .map(|row| &row.candidate)
+    }
+
+    /// Every structure as shown, those of one size by what they leave, beside this noise (rad) of
+    /// the held-out segments.
+    pub fn tried(&self, noise: f64) -> Vec<FittedStructure> {
+        let Rows {
+            all,
+            scored,
+            refits,
+            ..
+        } = &self.rows;
+        let largest = scored.iter().map(|row| row.kinds.len()).max().unwrap_or(0);
+        (1..=largest)
+            .flat_map(|size| of_size(scored, size, &Policy::STANDARD))
+            .map(|(place, probability)| {
+                let row = &all[place];
+                let before = all[refits[place]].held_out.values();
+                let closes = closure(&before, &row.held_out.values(), noise);
+                FittedStructure {
+                    kinds: row.candidate.added.clone(),
+                    rmse: row.fitted.full,
+                    held_out: Some((row.held_out.full, closes.overall)),
+                    delta_bic: behind(scored, place),
+                    probability,
+                    rejected: !self.ranking.rivals.contains(&place),
+                    at_bound: row.candidate.at_bound(),
+                }
+            })
+            .collect()
     }
 }
 
@@ -103,11 +134,12 @@ struct Shares {
 }
 
 /// Rows with what the decision reads of them.
+#[derive(Default)]
 pub struct Rows {
-    refit: Candidate,
-    /// The first is that refit.
+    /// The first is the refit that all are held against in the draws.
     all: Vec<MeasuredStructure>,
-    scored: Vec<Scored>,
+    /// What the decision reads of them.
+    pub scored: Vec<Scored>,
     /// The place of the refit that each row improves on.
     refits: Vec<usize>,
 }
@@ -125,7 +157,6 @@ impl Rows {
         let policy = &Policy::STANDARD;
         let noise = floor.total();
         let beyond = |error: f64| excess(error, noise, policy);
-        let refit = first.refit.candidate.clone();
         let all = merged(std::iter::once(first).chain(others), beyond);
         let data = validator.fitter().data;
         let segments: Vec<Recording> = data.recordings(validator.in_turn());
@@ -162,201 +193,41 @@ impl Rows {
             })
             .collect();
         Self {
-            refit,
             refits: all.iter().map(|it| it.refit).collect(),
             all: all.into_iter().map(|it| it.row).collect(),
             scored,
         }
     }
 
-    /// The selection: the named effects, and the model that predicts held-out segments
-    /// best.
-    pub fn selection(&self, context: &FitContext<'_>, validator: &CrossValidator<'_>) -> Selection {
-        let policy = &Policy::STANDARD;
+    /// What remains of the structures.
+    pub fn ranking(&self, context: &FitContext<'_>) -> Ranking {
         let tried = tried_sizes(&context.executor.progress().undone());
-        let mut decision =
-            as_far_as_tried(decide(&self.scored, policy), &self.scored, tried, policy);
-        let is_named = matches!(decision, Decision::Named { .. });
-        let first = match &decision {
-            Decision::Named { structure, .. } => Some(*structure),
-            Decision::CannotTell { rivals, .. } => rivals.first().copied(),
-            Decision::Unexplained { .. } => None,
-        };
+        rank(&self.scored, tried, &Policy::STANDARD)
+    }
+
+    /// What is written of a ranking.
+    pub fn selection(
+        self,
+        ranking: Ranking,
+        context: &FitContext<'_>,
+        validator: &CrossValidator<'_>,
+    ) -> Selection {
         context.executor.progress().stage(Stage::Augmented, 0);
         let Repaired {
             candidate: repaired,
             table_leaves,
-        } = self.repaired(context, validator, first, is_named);
-        let shape = first
-            .filter(|_| repaired.added.len() == 2)
-            .and_then(|row| tables::own_variable(*self.scored[row].kinds.first()?))
-            .filter(|&own| repaired.fit.model.table().is_some_and(|it| it.of() == own));
-        if let Some(left) = table_leaves.filter(|_| shape.is_some()) {
-            decision = shaped(decision, &self.scored, left, policy);
-        }
-        let best = self
-            .all
-            .iter()
-            .min_by(|a, b| a.fitted.full.total_cmp(&b.fitted.full));
-        let rivals = match &decision {
-            Decision::CannotTell { rivals, .. } => rivals.as_slice(),
-            _ => &[],
-        };
+        } = self.repaired(context, validator, &ranking);
+        let own = ranking.first().filter(|_| repaired.added.len() == 2);
+        let own = own.and_then(|row| tables::own_variable(*self.scored[row].kinds.first()?));
+        let of = own.filter(|&own| repaired.fit.model.table().is_some_and(|it| it.of() == own));
         Selection {
-            tried: self.tried(&decision, validator.floor()),
-            best: best.map(|row| row.candidate.clone()),
-            rivals: rivals
-                .iter()
-                .take(RIVALS_PLANNED)
-                .map(|&row| self.all[row].candidate.clone())
-                .collect(),
-            finding: self.finding(decision, shape, &repaired.added),
+            beside: of
+                .zip(table_leaves)
+                .map(|(of, leaves)| Beside { of, leaves }),
+            rows: self,
+            ranking,
             repaired,
         }
-    }
-
-    /// The decision with the effects in place of rows, those that are named in the order of
-    /// the repaired model. `shape` is the variable of its table.
-    fn finding(&self, decision: Decision, shape: Option<Variable>, repaired: &[Kind]) -> Finding {
-        match decision {
-            Decision::Named {
-                structure,
-                strength,
-            } => {
-                let kinds = &self.scored[structure].kinds;
-                let others = self.of_size(kinds.len());
-                let others = others.into_iter().filter(|(row, _)| *row != structure);
-                Finding::Named {
-                    effects: self.inclusion(
-                        repaired
-                            .iter()
-                            .copied()
-                            .filter(|kind| kinds.contains(kind))
-                            .collect(),
-                    ),
-                    strength,
-                    rivals: self.explanations(others, RIVALS_SHOWN),
-                }
-            }
-            Decision::CannotTell {
-                rivals,
-                families,
-                strength,
-            } => {
-                let size = self.scored[rivals[0]].kinds.len();
-                let shares = probabilities(&self.scored, size, &Policy::STANDARD);
-                let total: f64 = rivals.iter().map(|&row| shares[row]).sum();
-                let of_all = |row: usize| shares[row] / total.max(f64::MIN_POSITIVE);
-                let rows = rivals.into_iter().map(|row| (row, of_all(row)));
-                let mut explanations = self.explanations(rows, SET_SHOWN);
-                match shape.filter(|_| explanations.len() == 1) {
-                    Some(of) => Finding::Shape {
-                        of,
-                        formula: explanations.remove(0),
-                        families,
-                        strength,
-                    },
-                    None => Finding::undecided(explanations, families, strength),
-                }
-            }
-            Decision::Unexplained { .. } => Finding::Unexplained {
-                closest: self.explanations(self.of_size(1), RIVALS_SHOWN),
-            },
-        }
-    }
-
-    /// The structures of a size with their probabilities, the one that leaves least first.
-    fn of_size(&self, size: usize) -> Vec<(usize, f64)> {
-        let mut rows: Vec<usize> = (0..self.scored.len())
-            .filter(|&row| self.scored[row].kinds.len() == size)
-            .collect();
-        rows.sort_by(|&a, &b| self.scored[a].leaves().total_cmp(&self.scored[b].leaves()));
-        let shares = probabilities(&self.scored, size, &Policy::STANDARD);
-        rows.into_iter().map(|row| (row, shares[row])).collect()
-    }
-
-    /// The probability of each effect: the sum over the structures of that size that hold
-    /// it, or an effect of which it is a special case.
-    fn inclusion(&self, named: Vec<Kind>) -> Vec<NamedKind> {
-        let rows = self.of_size(named.len());
-        let stands_for = |own: Kind, kind: Kind| own == kind || own.special_case() == Some(kind);
-        named
-            .into_iter()
-            .map(|kind| NamedKind {
-                kind,
-                probability: rows
-                    .iter()
-                    .filter(|(row, _)| {
-                        let mut kinds = self.scored[*row].kinds.iter();
-                        kinds.any(|&own| stands_for(own, kind))
-                    })
-                    .map(|(_, share)| share)
-                    .sum(),
-            })
-            .collect()
-    }
-
-    /// Rows with their probabilities, as explanations.
-    fn explanations(
-        &self,
-        rows: impl IntoIterator<Item = (usize, f64)>,
-        most: usize,
-    ) -> Vec<Explanation> {
-        rows.into_iter()
-            .take(most)
-            .map(|(row, probability)| Explanation {
-                kinds: self.scored[row].kinds.clone(),
-                probability,
-                delta_bic: self.behind(row),
-            })
-            .collect()
-    }
-
-    /// Twice the logarithm of how much less likely the held-out segments are than under the
-    /// best structure of that size.
-    fn behind(&self, row: usize) -> f64 {
-        let density =
-            |row: &Scored| row.density.iter().sum::<f64>() / row.density.len().max(1) as f64;
-        let size = self.scored[row].kinds.len();
-        let best = self
-            .scored
-            .iter()
-            .filter(|other| other.kinds.len() == size)
-            .map(density)
-            .fold(f64::NEG_INFINITY, f64::max);
-        2.0 * (best - density(&self.scored[row]))
-    }
-
-    /// Every structure, those of one size by what they leave.
-    fn tried(&self, decision: &Decision, noise: f64) -> Vec<FittedStructure> {
-        let stays = |row: usize| match decision {
-            Decision::Named { structure, .. } => *structure == row,
-            Decision::CannotTell { rivals, .. } => rivals.contains(&row),
-            Decision::Unexplained { .. } => false,
-        };
-        let largest = self
-            .scored
-            .iter()
-            .map(|row| row.kinds.len())
-            .max()
-            .unwrap_or(0);
-        (1..=largest)
-            .flat_map(|size| self.of_size(size))
-            .map(|(place, probability)| {
-                let row = &self.all[place];
-                let before = self.all[self.refits[place]].held_out.values();
-                let closes = closure(&before, &row.held_out.values(), noise);
-                FittedStructure {
-                    kinds: row.candidate.added.clone(),
-                    rmse: row.fitted.full,
-                    held_out: Some((row.held_out.full, closes.overall)),
-                    delta_bic: self.behind(place),
-                    probability,
-                    rejected: !stays(place),
-                    at_bound: row.candidate.at_bound(),
-                }
-            })
-            .collect()
     }
 
     /// The repaired model: the first structure of the answer, or one that contains it and
@@ -367,17 +238,17 @@ impl Rows {
         &self,
         context: &FitContext<'_>,
         validator: &CrossValidator<'_>,
-        first: Option<usize>,
-        is_named: bool,
+        ranking: &Ranking,
     ) -> Repaired {
         let policy = &Policy::STANDARD;
-        let refit = &self.refit;
+        let first = ranking.first();
+        let refit = &self.all[0].candidate;
         let takes_part = |place: &usize| {
             let row = &self.scored[*place];
             match first.map(|first| &self.scored[first]) {
                 Some(named) => {
                     (named.kinds.iter().all(|kind| row.kinds.contains(kind))
-                        || !is_named && is_special_case(&named.kinds, &row.kinds))
+                        || !ranking.is_firm && is_special_case(&named.kinds, &row.kinds))
                         && row.leaves() <= policy.adds_to_repair * named.leaves()
                         && row.held_out <= policy.adds_to_repair * named.held_out
                 }

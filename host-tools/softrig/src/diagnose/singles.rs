@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext, Starts, coarse_fit, final_fit, predicted};
 use super::measure::excess;
-use super::noise::{NoiseFloor, adequate};
+use super::noise::NoiseFloor;
 use super::policy::{Policy, Search};
 use super::progress::Stage;
 use crate::estimate::fit::Effort;
@@ -192,12 +192,9 @@ pub fn is_settled(pool: &[Candidate], floor: &NoiseFloor) -> bool {
         .any(|candidate| is_done(candidate, floor))
 }
 
-/// Whether nothing is left for another effect to explain, or so little that the formula
-/// may be to blame: the right effect by another formula leaves up to a fifth more than
-/// the noise.
+/// Whether nothing is left for another effect to explain.
 fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     // No effect explains the rig's repeatability.
     let floor = floor.clone().with_repeats(&candidate.fit.residuals);
-    let noise = floor.total();
-    adequate(&candidate.fit, &floor) || candidate.fit.rmse() <= Search::STANDARD.done * noise
+    floor.covers(candidate.fit.rmse())
 }

@@ -18,7 +18,7 @@ use model_core::catalogue::Kind;
 
 use super::candidates::{Candidate, free_parameters};
 use super::noise::{NoiseFloor, repeats};
-use super::policy::Search;
+use super::policy::Policy;
 use crate::estimate::fit::{Effort, Fitter, Validation};
 use crate::estimate::horizon::{Squares, block_errors};
 use crate::estimate::placement::Placement;
@@ -84,7 +84,7 @@ impl HeldOut {
 
     /// Whether the repaired model leaves only noise.
     pub fn at_noise(&self) -> bool {
-        self.repaired <= Search::STANDARD.rms_factor * self.floor
+        self.repaired <= Policy::STANDARD.at_noise * self.floor
     }
 }
 
