@@ -3,8 +3,8 @@
 //! Each fitted structure is a row of measurements ([`Scored`]); the constants are the
 //! [`Policy`]. Nothing is simulated or fitted here.
 //!
-//! 1. Of each size, of the structures that are taken (2.), the one that leaves the least error
-//!    leads, on fitted and held-out segments together. A structure with a [`Doubt`] leads only where it leaves much less
+//! 1. Of each size, the structure that leaves the least error leads, on fitted and held-out
+//!    segments together. A structure with a [`Doubt`] leads only where it leaves much less
 //!    than all others. Two effects of one family are one cause with a better formula and are
 //!    not an answer.
 //! 2. A single effect is taken if it closes a part of the error; a larger structure, if it
@@ -411,12 +411,14 @@ fn leader(scored: &[Scored], rows: &[usize], refit: &Scored, policy: &Policy) ->
     let mut chosen = None;
     let largest = rows.iter().map(|&row| scored[row].kinds.len()).max()?;
     for size in 1..=largest {
-        let of_size = rows.iter().copied().filter(|&row| {
-            scored[row].kinds.len() == size
-                && is_taken(&scored[row], before, policy)
-                && carries_each(scored, row, policy)
-        });
-        if let Some(best) = least(scored, of_size, |row| weighed(row, policy)) {
+        let of_size = rows
+            .iter()
+            .copied()
+            .filter(|&row| scored[row].kinds.len() == size);
+        let Some(best) = least(scored, of_size, |row| weighed(row, policy)) else {
+            continue;
+        };
+        if is_taken(&scored[best], before, policy) && carries_each(scored, best, policy) {
             before = &scored[best];
             chosen = Some(best);
         }

@@ -13,7 +13,7 @@ use super::candidates::Candidate;
 use super::discrepancy;
 use super::executor::Unfitted;
 use super::levels::{Estimate, Levels};
-use super::policy::Policy;
+use super::policy::{Policy, Search};
 use super::validation::{CrossValidator, Errors, at_horizons};
 use super::verdict::Closure;
 use crate::estimate::filter::Pace;
@@ -168,7 +168,7 @@ impl MeasureContext<'_> {
             .map(|row| row.leaves)
             .fold(f64::INFINITY, f64::min);
         others.truncate(MEASURED);
-        others.retain(|row| row.leaves <= self.policy.comparable * ahead);
+        others.retain(|row| row.leaves <= Search::STANDARD.worth_measuring * ahead);
         coarse.extend(others);
         progress.step("validation", coarse.len());
         coarse

@@ -93,6 +93,9 @@ policy! {
     /// Final fits of combinations are made if the best leaves at most this multiple of the
     /// noise.
     may_leave: 2.0, "noise", "set on clean simulated recordings";
+    /// A structure with less evidence than five others is measured on held-out segments if it
+    /// leaves at most this multiple of the least error of these.
+    worth_measuring: 1.5, "–", "more than `comparable`: a rival must not be missing";
     /// Evidence for zeros as calibrated before the effects are tried again with them.
     effect_evidence: 10.0, "2 ln Bayes factor", "very strong (Kass and Raftery 1995)";
 }
