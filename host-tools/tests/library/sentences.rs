@@ -33,15 +33,19 @@ fn named(kind: Kind, strength: Strength) -> Finding {
 
 fn rivals(families: &[Family], strength: Strength) -> Finding {
     let rivals = [[Leak, Gravity].as_slice(), &[MaxwellBranch]];
-    Finding::undecided(
-        rivals.map(explanation).to_vec(),
-        families.to_vec(),
+    Finding::Rivals {
+        rivals: rivals.map(explanation).to_vec(),
+        families: families.to_vec(),
         strength,
-    )
+    }
 }
 
 fn trace(strength: Strength) -> Finding {
-    Finding::undecided(vec![explanation(&[CoulombFriction])], Vec::new(), strength)
+    Finding::Trace {
+        explanation: explanation(&[CoulombFriction]),
+        families: Vec::new(),
+        strength,
+    }
 }
 
 #[test]

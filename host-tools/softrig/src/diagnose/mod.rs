@@ -333,6 +333,28 @@ impl Pass {
         candidates.find_map(|it| quality::outlying_recording(file, &fitter, it, floor))
     }
 
+    /// The answer.
+    fn answer(&self, progress: &Progress) -> Finding {
+        let policy = &policy::Policy::STANDARD;
+        let Searched {
+            remains,
+            found,
+            baseline,
+            ..
+        } = &self.searched;
+        let most_noise = policy.most_noise * baseline::swing_of_all(&baseline.data);
+        let evidence = Evidence {
+            remains: *remains,
+            is_noisy: baseline.floor.total() > most_noise,
+            scored: &found.rows.scored,
+            ranking: &found.ranking,
+            beside: found.beside,
+            repaired: &found.repaired.added,
+            undone: &progress.undone(),
+        };
+        decide(&evidence, policy)
+    }
+
     /// The answer, and all that is told with it; the concerns about the files come first.
     fn diagnosis(
         self,
@@ -340,27 +362,14 @@ impl Pass {
         about_files: Vec<Concern>,
         progress: &Progress,
     ) -> Diagnosis {
+        let finding = self.answer(progress);
         let Self { searched, concerns } = self;
         let Searched {
-            remains,
             found,
             mut untried,
             baseline,
+            ..
         } = searched;
-        let most_noise =
-            policy::Policy::STANDARD.most_noise * baseline::swing_of_all(&baseline.data);
-        let finding = decide(
-            &Evidence {
-                remains,
-                is_noisy: baseline.floor.total() > most_noise,
-                scored: &found.rows.scored,
-                ranking: &found.ranking,
-                beside: found.beside,
-                repaired: &found.repaired.added,
-                undone: &progress.undone(),
-            },
-            &policy::Policy::STANDARD,
-        );
         // Rivals of an answer that does not stand are not planned for.
         let rivals = match finding {
             Finding::Rivals { .. } | Finding::Shape { .. } | Finding::Trace { .. } => {
@@ -408,15 +417,7 @@ impl Pass {
             Vec::new()
         };
         let ended = progress.ended();
-        if let Some(ended) = &ended {
-            // An effect of the repaired model was tried, if not fully.
-            let kinds = ended.kinds().into_iter();
-            let untried_kinds = kinds.filter(|kind| !repaired.added.contains(kind));
-            untried.extend(untried_kinds.map(|kind| Untried {
-                kind,
-                reason: "the time was up",
-            }));
-        }
+        untried.extend(out_of_time(ended.as_ref(), &repaired.added));
         Diagnosis {
             concerns,
             not_used: Vec::new(),
@@ -445,6 +446,14 @@ impl Pass {
             repaired: found.repaired,
         }
     }
+}
+
+/// Effects that the time was not enough for. Those of the repaired model were tried, if not fully.
+fn out_of_time(ended: Option<&Ended>, repaired: &[Kind]) -> Vec<Untried> {
+    let kinds = ended.map(Ended::kinds).unwrap_or_default().into_iter();
+    let untried = kinds.filter(|kind| !repaired.contains(kind));
+    let reason = "the time was up";
+    untried.map(|kind| Untried { kind, reason }).collect()
 }
 
 /// Refuses recordings without motion, and columns that do not hold what their header says.
