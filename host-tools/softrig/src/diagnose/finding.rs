@@ -1,6 +1,6 @@
 //! What a diagnosis found, as a type.
 //!
-//! [`decide`](super::decide) makes it. A [`Finding`] has only what goes with each answer: a name has a
+//! [`decide`](mod@super::decide) makes it. A [`Finding`] has only what goes with each answer: a name has a
 //! strength, a family has rivals, a quiet rig has neither. Terminal, page, Python and JSON are renderings of it.
 
 use model_core::catalogue::Kind;

@@ -1,6 +1,6 @@
 //! Every constant of the decision, with its meaning, unit and origin.
 //!
-//! [`super::decide`] reads nothing but [`Policy`], the search that comes before it
+//! [`mod@super::decide`] reads nothing but [`Policy`], the search that comes before it
 //! [`Search`]. The tables in `docs/diagnosis.md` and `docs/diagnosis-details.md` are written
 //! from here, and a test holds them there.
 
@@ -93,6 +93,9 @@ policy! {
     /// Final fits of combinations are made if the best leaves at most this multiple of the
     /// noise.
     may_leave: 2.0, "noise", "set on clean simulated recordings";
+    /// No further effect is searched beside one that leaves at most this multiple of the
+    /// noise.
+    done: 1.2, "noise", "what the right effect by another formula leaves";
     /// A structure with less evidence than five others is measured on held-out segments if it
     /// leaves at most this multiple of the least error of these.
     worth_measuring: 1.5, "–", "more than `comparable`: a rival must not be missing";

@@ -1,7 +1,7 @@
 //! What a search leaves for the answer: its rows, and the model that is written.
 //!
 //! Every structure that was fitted to all data is a row, whatever led to it. The ranking
-//! ([`super::decide`]) sees their errors; the repaired model is the best predictor among
+//! ([`mod@super::decide`]) sees their errors; the repaired model is the best predictor among
 //! those that hold what remains.
 
 use model_core::catalogue::Kind;

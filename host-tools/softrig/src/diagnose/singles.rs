@@ -192,9 +192,11 @@ pub fn is_settled(pool: &[Candidate], floor: &NoiseFloor) -> bool {
         .any(|candidate| is_done(candidate, floor))
 }
 
-/// Whether nothing is left for another effect to explain.
+/// Whether nothing is left for another effect to explain, or so little that the formula
+/// may be to blame.
 fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     // No effect explains the rig's repeatability.
     let floor = floor.clone().with_repeats(&candidate.fit.residuals);
-    floor.covers(candidate.fit.rmse())
+    let left = candidate.fit.rmse();
+    floor.covers(left) || left <= Search::STANDARD.done * floor.total()
 }
