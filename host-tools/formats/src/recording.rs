@@ -857,6 +857,7 @@ mod tests {
         };
         let error = read(GOOD, &typed.or(&folder)).unwrap_err().to_string();
         assert!(error.contains("no column ms"), "{error}");
+        assert!(error.contains("leave out"), "{error}");
         // Flags that say nothing of columns leave it to the files.
         let strict = Layout {
             strict: true,

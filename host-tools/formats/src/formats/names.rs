@@ -135,6 +135,15 @@ fn advice(header: &[String], layout: &Layout, what: &str) -> String {
             Quantity::ALL.map(Quantity::column).join(", ")
         );
     }
+    if Quantity::ALL
+        .iter()
+        .all(|it| header.iter().any(|name| name == it.column()))
+    {
+        return format!(
+            "leave out what names other {what}s: it has those of a recording, {}",
+            Quantity::ALL.map(Quantity::column).join(", ")
+        );
+    }
     match suggestion(header, layout) {
         Some(flags) => format!(
             "if its names mean what they seem to, add {flags}, or say so once in [recording] of the model file; or rename the {what}s"
