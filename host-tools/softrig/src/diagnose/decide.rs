@@ -597,6 +597,7 @@ fn exchanged(from: &[Kind], to: &[Kind]) -> Option<(Kind, Kind)> {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::verdict::Answer;
     use super::*;
     use Kind::{
         CoulombFriction, CubicStiffness, DeadTime, EndStop, Gravity, LinearStiffness,
@@ -648,7 +649,8 @@ mod tests {
         Named(usize, Strength),
         Cannot(Vec<usize>, Vec<Family>, Strength),
         Shape(usize),
-        OutOfTime,
+        /// What came closest until then.
+        OutOfTime(Vec<Kind>),
         /// Nothing is named; what comes closest.
         Unexplained(Vec<Kind>),
         Quiet,
@@ -693,7 +695,9 @@ mod tests {
                 families, strength, ..
             } => Said::Cannot(rivals, families, strength),
             Finding::Shape { .. } => Said::Shape(rivals[0]),
-            Finding::OutOfTime { .. } => Said::OutOfTime,
+            Finding::OutOfTime { closest } => {
+                Said::OutOfTime(closest.map_or_else(Vec::new, |it| it.kinds))
+            }
             Finding::Unexplained { closest } => {
                 Said::Unexplained(closest.into_iter().flat_map(|it| it.kinds).collect())
             }
@@ -918,19 +922,44 @@ mod tests {
         let combinations = [SearchPart::Combinations];
         assert_eq!(without(&combinations), Said::Named(1, Strength::Part));
         let single = [SearchPart::Alone(Kind::Leak)];
-        assert_eq!(without(&single), Said::OutOfTime);
+        let one = &rows[..2];
+        let alone = |undone: &[SearchPart]| said(one, undone, |_| ());
+        assert_eq!(alone(&combinations), Said::Named(1, Strength::Part));
+        // What came closest until the time was up is not lost, and is no name.
+        assert_eq!(alone(&single), Said::OutOfTime(vec![Gravity]));
+        assert_eq!(without(&single), Said::OutOfTime(rows[2].kinds.clone()));
         let pair = [rows[0].clone(), rows[2].clone()];
-        assert_eq!(said(&pair, &combinations, |_| ()), Said::OutOfTime);
+        assert_eq!(
+            said(&pair, &combinations, |_| ()),
+            Said::OutOfTime(pair[1].kinds.clone())
+        );
         let nothing = [rows[0].clone()];
         let unexplained = Said::Unexplained(vec![]);
         assert_eq!(
             said(&nothing, &[SearchPart::Horizons], |_| ()),
-            Said::OutOfTime
+            Said::OutOfTime(vec![])
         );
         assert_eq!(
             said(&nothing, &[SearchPart::Experiment], |_| ()),
             unexplained
         );
+    }
+
+    /// One explanation without a name is a trace, several are rivals; neither is told from more.
+    #[test]
+    fn one_explanation_is_a_trace_and_several_are_rivals() {
+        let creep = [MaxwellBranch];
+        let one = found(&[row(&[], 1.0), doubted(row(&creep, 0.2))], &[]);
+        assert!(matches!(one, Finding::Trace { .. }), "{one:?}");
+        let leak = as_likely(&[Kind::Leak], 0.25, 0.2);
+        let two = found(&[row(&[], 1.0), row(&creep, 0.2), leak], &[]);
+        assert!(matches!(two, Finding::Rivals { .. }), "{two:?}");
+        for it in [&one, &two] {
+            assert_eq!(it.answer(), Answer::CannotTell);
+            assert_eq!(it.named(), []);
+            assert_eq!(it.families(), [Family::Creep]);
+        }
+        assert_eq!([one, two].map(|it| it.explanations().len()), [1, 2]);
     }
 
     /// Beside a right formula a table gains nothing.
@@ -969,7 +998,10 @@ mod tests {
         // What agrees within its noise does so whatever else was not tried.
         let calibrated = [SearchPart::Calibrated];
         assert_eq!(left(&rows, right, false, &calibrated), Said::Quiet);
-        assert_eq!(left(&rows, off, false, &calibrated), Said::OutOfTime);
+        assert_eq!(
+            left(&rows, off, false, &calibrated),
+            Said::OutOfTime(vec![])
+        );
     }
 
     /// Probabilities of a size add up; a formula that is on the verge of rejection has one in
