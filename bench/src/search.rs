@@ -293,7 +293,7 @@ fn left(kind: Kind, tried: &[FittedStructure]) -> [Option<f64>; 2] {
     };
     [
         least(&|it| it == kind),
-        least(&|it| it.special_case() == Some(kind)),
+        least(&|it| it.info().special_case == Some(kind)),
     ]
 }
 

@@ -533,9 +533,7 @@ impl<R: Real, T> Effect<R, T> {
     /// The same effect on a base that has been turned further by so much (rad).
     #[must_use]
     pub fn turned(mut self, by: R) -> Self {
-        if let Self::Gravity(gravity) = &mut self {
-            gravity.turned += by;
-        }
+        each!(&mut self, effect => effect.turn(by), table _ => ());
         self
     }
 
@@ -545,15 +543,7 @@ impl<R: Real, T> Effect<R, T> {
     /// takes.
     #[must_use]
     pub fn with_tube(mut self, times: R) -> Self {
-        match &mut self {
-            Self::PneumaticLag(lag) => lag.time_constant = lag.time_constant * times,
-            Self::VentAsymmetry(lag) => {
-                lag.fill = lag.fill * times;
-                lag.vent = lag.vent * times;
-            }
-            Self::DeadTime(dead) => dead.delay = dead.delay * times,
-            _ => {}
-        }
+        each!(&mut self, effect => effect.lengthen_tube(times), table _ => ());
         self
     }
 }
@@ -570,43 +560,10 @@ impl<R: Real> Effect<R> {
     }
 }
 
-impl Kind {
-    /// Whether [`Effect::with_tube`] changes it.
-    pub const fn is_slower_in_a_longer_tube(self) -> bool {
-        matches!(
-            self,
-            Self::PneumaticLag | Self::VentAsymmetry | Self::DeadTime
-        )
-    }
-
-    /// The effect that this one becomes at an end of its parameters: with no extra
-    /// force at rest, with equal time constants, with a yield angle or a
-    /// relaxation that vanishes.
-    pub const fn special_case(self) -> Option<Self> {
-        match self {
-            Self::StribeckFriction | Self::BoucWenHysteresis => Some(Self::CoulombFriction),
-            Self::VentAsymmetry => Some(Self::PneumaticLag),
-            Self::MaxwellBranch => Some(Self::LinearStiffness),
-            _ => None,
-        }
-    }
-
-    /// Effects that this one can follow better than their own formulas here, where
-    /// the actuator has them by another: many small lags in a row make a dead
-    /// time, and bristles that bend before they slip (LuGre) a hysteresis with a
-    /// small yield angle.
-    pub const fn imitates(self) -> &'static [Self] {
-        match self {
-            Self::DeadTime => &[Self::PneumaticLag, Self::SensorLag],
-            Self::BoucWenHysteresis => &[Self::CoulombFriction],
-            _ => &[],
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::Change;
 
     #[test]
     fn names_are_unique_and_found_again() {
@@ -621,7 +578,8 @@ mod tests {
         for &kind in Kind::NAMES {
             let effect = kind.build(&[0.5; 8][..kind.parameter_count()]).unwrap();
             let changes = effect.with_tube(2.0) != effect;
-            assert_eq!(changes, kind.is_slower_in_a_longer_tube(), "{kind:?}");
+            let said = kind.info().told_by.contains(&Change::LongerTube);
+            assert_eq!(changes, said, "{kind:?}");
         }
     }
 

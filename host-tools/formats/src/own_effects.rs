@@ -690,6 +690,7 @@ impl Written<'_> {
             })
             .collect();
         let name = leak(self.name.to_owned());
+        let program = self.formula.leaked()?;
         Some(Box::leak(Box::new(Definition {
             info: Info {
                 name,
@@ -699,11 +700,19 @@ impl Written<'_> {
                 text: TEXT,
                 signature: leak(signature),
                 look_alikes: &[],
+                family: self.family.unwrap_or(Family::Own(name)),
+                needs: &[],
+                own_variable: program.own_variable(),
+                special_case: None,
+                imitates: &[],
+                told_by: &[],
+                doubtful: &[],
+                has_slope: true,
+                states: &[],
             },
             parameters: Box::leak(parameters.into_boxed_slice()),
-            program: self.formula.leaked()?,
+            program,
             text,
-            family: self.family.map(Family::title),
         })))
     }
 }
@@ -893,8 +902,8 @@ unit = "N/kPa"
         assert_eq!(wave.parameters()[1].held, Some(3.0));
         assert_eq!(wave.parameters()[0].starts, [0.1]);
         assert_eq!(pressed.parameters()[0].starts, [0.05, 0.001]);
-        assert_eq!(Family::of(*wave), Family::StiffnessShape);
-        assert_eq!(Family::of(*pressed), Family::Own("pressed"));
+        assert_eq!(wave.info().family, Family::StiffnessShape);
+        assert_eq!(pressed.info().family, Family::Own("pressed"));
         assert_eq!(OwnEffects::find(Some(&own), "wave"), Some(*wave));
         assert!(OwnEffects::find(Some(&own), "gravity").is_some());
         assert!(OwnEffects::find(None, "wave").is_none());

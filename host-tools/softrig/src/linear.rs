@@ -273,14 +273,9 @@ pub fn angle_under(model: &Model<f64>, pressure: f64) -> Option<f64> {
 
 /// The model without effects that have no slope, and these.
 fn smooth(model: &Model<f64>) -> (Model<f64>, Vec<Kind>) {
-    let has_slope = |kind: Kind| {
-        !matches!(
-            kind,
-            Kind::CoulombFriction | Kind::StribeckFriction | Kind::InputBacklash
-        )
-    };
-    let (kept, left_out): (Vec<_>, Vec<_>) =
-        model.effects().partition(|effect| has_slope(effect.kind()));
+    let (kept, left_out): (Vec<_>, Vec<_>) = model
+        .effects()
+        .partition(|effect| effect.kind().info().has_slope);
     let left_out = left_out.iter().map(Effect::kind).collect();
     // Each effect is as valid without the others.
     let smooth = Model::new(*model.dynamics(), &kept).unwrap_or(*model);

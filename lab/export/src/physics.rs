@@ -8,7 +8,7 @@ use std::cell::{Cell, RefCell};
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId, State};
 use model_core::catalogue::Kind;
-use model_core::effects::{Hidden, Instant, Mechanism, Unit};
+use model_core::effects::{Hidden, Instant, Mechanism, State as Named, Unit};
 use model_core::input::{FromFn, Held};
 use model_core::real::Real;
 
@@ -432,21 +432,10 @@ fn memory_names(model: &Model<f64>, used: [bool; PLACES]) -> [Option<(String, St
     let mut taken: Vec<&str> = Vec::new();
     std::array::from_fn(|place| {
         let kind = *kinds.get(place / 2).filter(|_| used[place])?;
-        let (name, what) = match (kind, place % 2) {
-            (Kind::PneumaticLag | Kind::VentAsymmetry, _) => ("chamber_pa", "p_c, pressure (Pa)"),
-            (Kind::InputBacklash, _) => ("play_pa", "p_c, pressure (Pa)"),
-            (Kind::Leak, _) => ("lost_pa", "z, pressure that was lost (Pa)"),
-            (Kind::MaxwellBranch, 0) => ("relaxed_rad", "z, angle that has relaxed (rad)"),
-            (Kind::MaxwellBranch, _) => ("slowly_relaxed_rad", "z₂, the slow share's (rad)"),
-            (Kind::BoucWenHysteresis, _) => ("hysteresis", "w, share of the loop"),
-            (Kind::MullinsSoftening, _) => ("largest_rad", "θ_max, largest angle so far (rad)"),
-            (Kind::SecondMode, 0) => ("deflection_rad", "ξ, deflection (rad)"),
-            (Kind::SecondMode, _) => ("deflection_rad_per_s", "dξ/dt, its rate (rad/s)"),
-            (Kind::SensorLag, _) => ("shown_rad", "y, what the sensor shows (rad)"),
-            (Kind::PeriodicDisturbance, _) => ("turns", "turns of the disturbance"),
-            (_, 0) => ("memory", "first hidden state"),
-            (_, _) => ("second_memory", "second hidden state"),
-        };
+        let Named {
+            key: name,
+            text: what,
+        } = *kind.info().states.get(place % 2)?;
         let before = taken.iter().filter(|other| **other == name).count();
         taken.push(name);
         let name = match before {

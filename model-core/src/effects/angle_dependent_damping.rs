@@ -6,7 +6,7 @@
 //! factor is kept at zero or above: a damping that drives would be an engine.
 //! |θ| has a corner at θ = 0.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::catalogue::Effect;
 use crate::dynamics::{Dynamics, Rates};
 use crate::elementary::{MODERATE, decayed};
@@ -27,6 +27,15 @@ pub const INFO: Info = Info {
            away at different speeds, whatever their amplitude.",
     signature: "angular velocity, more at some angles than at others",
     look_alikes: &["quadratic_damping", "maxwell_branch"],
+    family: Family::RateDamping,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -4,7 +4,8 @@
 //! (rad/s), a the share by which the damping is larger on the way back. The
 //! force C ω is continuous at ω = 0, its slope is not.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Unit, parameters};
 use crate::actuator::Model;
 use crate::catalogue::Effect;
 use crate::dynamics::Dynamics;
@@ -24,6 +25,15 @@ pub const INFO: Info = Info {
            edges upwards and downwards would need different damping; rest angles are not touched.",
     signature: "angular velocity, on one side of zero",
     look_alikes: &["vent_asymmetry"],
+    family: Family::RateDamping,
+    needs: &[Need::Return],
+    own_variable: Some(Variable::Rate),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -26,7 +26,10 @@
 //! w = tanh((½ + B) x/D)/(½ + B), with the way x from where w was zero: nearly
 //! the loading curve, and smooth, since x has to be estimated.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Rest, State, Unit, parameters,
+};
+use crate::catalogue::Kind;
 use crate::dynamics::{Dynamics, Rates};
 use crate::elementary::MODERATE;
 #[cfg(test)]
@@ -48,6 +51,18 @@ pub const INFO: Info = Info {
            and γ = B).",
     signature: "angle since the last reversal",
     look_alikes: &["coulomb_friction", "input_backlash", "maxwell_branch"],
+    family: Family::DryFriction,
+    needs: &[Need::Return],
+    own_variable: None,
+    special_case: Some(Kind::CoulombFriction),
+    imitates: &[Kind::CoulombFriction],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[State {
+        key: "hysteresis",
+        text: "w, share of the loop",
+    }],
 };
 
 parameters! {

@@ -6,7 +6,10 @@
 //! Canudas de Wit, Automatica 30, 1994); below ω_s the friction is a strong
 //! viscous damping T/ω_s, so the actuator creeps instead of sticking.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
+use super::table::Variable;
+use super::{
+    Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Sign, Unit, parameters,
+};
 use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
@@ -26,6 +29,15 @@ pub const INFO: Info = Info {
            line instead of an exponential.",
     signature: "sign of angular velocity",
     look_alikes: &["bouc_wen_hysteresis", "input_backlash"],
+    family: Family::DryFriction,
+    needs: &[Need::Return],
+    own_variable: Some(Variable::Rate),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: false,
+    states: &[],
 };
 
 parameters! {

@@ -3,7 +3,8 @@
 //! k₃ (N/rad³); the first odd term by which a spring that hardens (k₃ > 0) or
 //! softens (k₃ < 0) departs from the base model: Duffing's oscillator.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -21,6 +22,15 @@ pub const INFO: Info = Info {
            free frequency of a swing depends on its amplitude.",
     signature: "large angles",
     look_alikes: &["exponent_shift", "end_stop"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: Some(Variable::Angle),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -261,6 +261,17 @@ impl<'p> Program<'p> {
         of_instructions.chain([self.result])
     }
 
+    /// The only variable that it depends on; none if there are several, or none.
+    pub fn own_variable(&self) -> Option<Variable> {
+        let mut variables = Variable::ALL
+            .into_iter()
+            .filter(|&variable| self.depends_on(variable));
+        match (variables.next(), variables.next()) {
+            (Some(variable), None) => Some(variable),
+            _ => None,
+        }
+    }
+
     /// Whether it depends on a variable.
     pub fn depends_on(&self, variable: Variable) -> bool {
         self.reads().any(|it| it == Operand::Variable(variable))
@@ -284,8 +295,6 @@ pub struct Definition {
     pub program: Program<'static>,
     /// Its text without the values: two definitions with the same are one.
     pub text: &'static str,
-    /// The family that it is said to belong to; none if it is one of its own.
-    pub family: Option<&'static str>,
 }
 
 /// A formula by its [`Definition`]: what names it where effects are listed.
@@ -300,17 +309,6 @@ impl Formula {
             Some((rows[index].lower, rows[index].upper))
         } else {
             None
-        }
-    }
-
-    /// The variable that its force is a function of; none if there are several.
-    pub fn own_variable(self) -> Option<Variable> {
-        let mut variables = Variable::ALL
-            .into_iter()
-            .filter(|&variable| self.0.program.depends_on(variable));
-        match (variables.next(), variables.next()) {
-            (Some(variable), None) => Some(variable),
-            _ => None,
         }
     }
 }
@@ -478,7 +476,7 @@ mod tests {
     use crate::actuator::{InvalidModel, Model, ParameterId};
     use crate::catalogue::{Effect, Kind};
     use crate::effects::testing::{force, run, spring};
-    use crate::effects::{Place, Unit};
+    use crate::effects::{Family, Place, Unit};
     use crate::input::Held;
 
     const fn parameter(key: &'static str, lower: f32, upper: f32) -> Parameter {
@@ -504,6 +502,15 @@ mod tests {
             text: "",
             signature: "",
             look_alikes: &[],
+            family: Family::Own("wave"),
+            needs: &[],
+            own_variable: None,
+            special_case: None,
+            imitates: &[],
+            told_by: &[],
+            doubtful: &[],
+            has_slope: true,
+            states: &[],
         },
         parameters: &[parameter("a", 0.0, 1.0)],
         program: Program {
@@ -536,7 +543,6 @@ mod tests {
             results: 1,
         },
         text: "wave",
-        family: None,
     };
 
     fn wave(a: f64) -> Effect<f64> {

@@ -4,7 +4,8 @@
 //! that the chamber feels: sound in a long tube, a valve that opens late, or a
 //! recorder whose two channels are not sampled at the same time.
 
-use super::{Info, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Change, Family, Info, Mechanism, Parameter, Place, Unit, parameters};
+use crate::catalogue::Kind;
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Nothing, Preparation};
@@ -21,6 +22,15 @@ pub const INFO: Info = Info {
            at the same time.",
     signature: "time since the last command edge",
     look_alikes: &["pneumatic_lag", "sensor_lag"],
+    family: Family::InputPath,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[Kind::PneumaticLag, Kind::SensorLag],
+    told_by: &[Change::LongerTube],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {
@@ -41,6 +51,10 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for DeadTime<R> {
+    fn lengthen_tube(&mut self, times: R) {
+        self.delay = self.delay * times;
+    }
+
     fn delay(&self) -> R {
         self.delay
     }

@@ -4,7 +4,8 @@
 //! (N/rad): its own folds, the table, a strain-limiting layer that has become
 //! taut. One-sided and elastic; a slope with a corner at θ_s.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -23,6 +24,15 @@ pub const INFO: Info = Info {
            is approached.",
     signature: "large angles, on one side",
     look_alikes: &["cubic_stiffness"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: Some(Variable::Angle),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -5,7 +5,8 @@
 //! properties, is off by Δn. The sum is kept at 0.25 or above: a power law with
 //! an exponent near zero is a switch, not a spring.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
 #[cfg(test)]
 use crate::part::Trial;
@@ -23,6 +24,15 @@ pub const INFO: Info = Info {
            curve of angle against pressure has another slope on logarithmic axes.",
     signature: "slope of the static curve on logarithmic axes",
     look_alikes: &["gravity", "cubic_stiffness", "sensor_nonlinearity"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: Some(Variable::Angle),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

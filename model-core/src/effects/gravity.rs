@@ -14,7 +14,8 @@
 //! turns by uθ with the lever 1 − u, so that Q = W ∫₀¹ u (1 − u) sin(uθ + α) du, which is within
 //! θ²/40 of (W/6) sin(θ/2 + α): κ = ½ ([`BENDING`]). For a weight at its tip it is 2/3.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Change, Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
 use crate::elementary::sin_near;
 #[cfg(test)]
@@ -36,6 +37,15 @@ pub const INFO: Info = Info {
            when the base is turned over.",
     signature: "sine of the angle",
     look_alikes: &["exponent_shift", "sensor_nonlinearity"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: Some(Variable::Angle),
+    special_case: None,
+    imitates: &[],
+    told_by: &[Change::Turned],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {
@@ -102,6 +112,10 @@ impl<R: Real> Gravity<R> {
 }
 
 impl<R: Real> Mechanism<R> for Gravity<R> {
+    fn turn(&mut self, by: R) {
+        self.turned += by;
+    }
+
     fn force(&self, at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
         let turned = self.angle_share * at.angle + self.tilt + self.turned;
         self.weight * (turned.sin() - self.tilt.sin())

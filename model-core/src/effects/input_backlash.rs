@@ -13,7 +13,9 @@
 //! cut out of a longer run starts so too, although its play was most likely
 //! taken up on one side, which is where this is weak: it costs up to b.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Family, Hidden, Info, Mechanism, Need, Parameter, Place, Rest, State, Unit, parameters,
+};
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Mapped, Preparation};
@@ -30,6 +32,18 @@ pub const INFO: Info = Info {
            dead band has the same width in pressure at every angle and at every speed.",
     signature: "pressure since the last reversal of the command",
     look_alikes: &["coulomb_friction", "bouc_wen_hysteresis"],
+    family: Family::Play,
+    needs: &[Need::Reversal],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: false,
+    states: &[State {
+        key: "play_pa",
+        text: "p_c, pressure (Pa)",
+    }],
 };
 
 parameters! {

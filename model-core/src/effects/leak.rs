@@ -15,7 +15,7 @@
 //! for full, which is where this is weak. There is no pressure that holds an
 //! angle against a leak.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Family, Hidden, Info, Mechanism, Parameter, Place, State, Unit, parameters};
 use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
@@ -34,6 +34,18 @@ pub const INFO: Info = Info {
            and after the release the actuator bends the other way for a while.",
     signature: "time since the last command edge",
     look_alikes: &["maxwell_branch"],
+    family: Family::Creep,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[State {
+        key: "lost_pa",
+        text: "z, pressure that was lost (Pa)",
+    }],
 };
 
 parameters! {

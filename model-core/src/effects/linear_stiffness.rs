@@ -4,7 +4,8 @@
 //! θ = 0: a strain-limiting layer, the sensor itself, a tube that bends with the
 //! actuator.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -22,6 +23,15 @@ pub const INFO: Info = Info {
            elastomer has hardly any stiffness of its own.",
     signature: "small angles",
     look_alikes: &["exponent_shift", "pressure_threshold"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: Some(Variable::Angle),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

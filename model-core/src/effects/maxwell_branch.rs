@@ -8,8 +8,11 @@
 //! relaxes ten times more slowly: without it the branch is one exponential, with [`DECADES`]
 //! it follows a power law over two decades and has as many parameters to find.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, State, Unit, parameters,
+};
 use crate::carried::Branch;
+use crate::catalogue::Kind;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -39,6 +42,24 @@ pub const INFO: Info = Info {
            a power law, and `softrig diagnose` takes that where it leaves a tenth less.",
     signature: "time since the last command edge",
     look_alikes: &["stiffness_drift", "mullins_softening", "sensor_drift"],
+    family: Family::Creep,
+    needs: &[],
+    own_variable: None,
+    special_case: Some(Kind::LinearStiffness),
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[
+        State {
+            key: "relaxed_rad",
+            text: "z, angle that has relaxed (rad)",
+        },
+        State {
+            key: "slowly_relaxed_rad",
+            text: "z₂, the slow share's (rad)",
+        },
+    ],
 };
 
 parameters! {

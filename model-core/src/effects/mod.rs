@@ -23,6 +23,7 @@
 
 use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
+pub use info::{Change, Doubtful, Family, Info, Need, Place, State};
 
 pub mod angle_dependent_damping;
 pub mod asymmetric_damping;
@@ -35,6 +36,7 @@ pub mod dead_time;
 pub mod end_stop;
 pub mod exponent_shift;
 pub mod gravity;
+mod info;
 pub mod input_backlash;
 pub mod leak;
 pub mod linear_stiffness;
@@ -162,6 +164,10 @@ pub trait Mechanism<R: Real> {
     fn behind(&self, shown: Motion<R>) -> Motion<R> {
         shown
     }
+    /// Turns the base on which the actuator stands further by so much (rad).
+    fn turn(&mut self, _by: R) {}
+    /// Makes the tube to the actuator so many times as long.
+    fn lengthen_tube(&mut self, _times: R) {}
     /// Whether the stiffness depends on the pressure.
     fn stiffens(&self) -> bool {
         false
@@ -355,36 +361,6 @@ impl Parameter {
             None => self.default,
         }
     }
-}
-
-/// What the catalogue knows about an effect besides its equation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Info {
-    /// Name in model files and verdicts.
-    pub name: &'static str,
-    /// Name in sentences.
-    pub title: &'static str,
-    /// Where it acts.
-    pub place: Place,
-    /// Its equation.
-    pub equation: &'static str,
-    /// What it is and how it shows, in two or three sentences for a report.
-    pub text: &'static str,
-    /// Where in the data the gap lives that it leaves.
-    pub signature: &'static str,
-    /// Names of effects that leave a similar gap.
-    pub look_alikes: &'static [&'static str],
-}
-
-/// The place where an effect acts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// Between the pressure sensor and the chamber.
-    Input,
-    /// On the forces or the parameters of the equation of motion.
-    Force,
-    /// Between the angle and what the sensor shows.
-    Sensor,
 }
 
 /// Declares the parameters of an effect once: as the fields of a struct and as

@@ -11,7 +11,10 @@
 //! if the actuator had never bent further; for the second session of a day, or a
 //! piece that does not say where it was cut from, that is where this is weak.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Change, Doubtful, Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Rest,
+    State, Unit, parameters,
+};
 use crate::dynamics::Dynamics;
 use crate::elementary::{decayed, exp};
 #[cfg(test)]
@@ -30,6 +33,18 @@ pub const INFO: Info = Info {
            later ones to the same angle; work the actuator a few times before a run and it goes.",
     signature: "largest angle so far",
     look_alikes: &["stiffness_drift", "maxwell_branch"],
+    family: Family::FirstStretch,
+    needs: &[Need::Return],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[Change::Rested],
+    doubtful: &[Doubtful::LoadedOnce],
+    has_slope: true,
+    states: &[State {
+        key: "largest_rad",
+        text: "θ_max, largest angle so far (rad)",
+    }],
 };
 
 parameters! {

@@ -11,7 +11,11 @@
 //! The phase counts from the start of the session. Only a disturbance that starts
 //! with it has the same phase in several of them; that is where this is weak.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, full_turn, parameters};
+use super::table::Variable;
+use super::{
+    Doubtful, Family, Hidden, Info, Instant, Mechanism, Parameter, Place, State, Unit, full_turn,
+    parameters,
+};
 use crate::dynamics::{Dynamics, Rates};
 use crate::elementary::sin_near;
 #[cfg(test)]
@@ -31,6 +35,18 @@ pub const INFO: Info = Info {
            the command, and moves when the pump runs at another speed.",
     signature: "a line in the spectrum, not tied to edges",
     look_alikes: &["second_mode"],
+    family: Family::Periodic,
+    needs: &[],
+    own_variable: Some(Variable::Time),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[Doubtful::FewPeriods],
+    has_slope: true,
+    states: &[State {
+        key: "turns",
+        text: "turns of the disturbance",
+    }],
 };
 
 parameters! {

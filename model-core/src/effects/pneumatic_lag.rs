@@ -4,7 +4,9 @@
 //! pressure p_c (Pa) follows the measured line pressure p with the time
 //! constant τ (s) of that resistance and the chamber's capacity.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Change, Family, Hidden, Info, Mechanism, Parameter, Place, Rest, State, Unit, parameters,
+};
 use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
@@ -23,6 +25,18 @@ pub const INFO: Info = Info {
            late and rounded; slow parts and rest angles are not touched.",
     signature: "time since the last command edge",
     look_alikes: &["dead_time", "sensor_lag"],
+    family: Family::InputPath,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[Change::LongerTube],
+    doubtful: &[],
+    has_slope: true,
+    states: &[State {
+        key: "chamber_pa",
+        text: "p_c, pressure (Pa)",
+    }],
 };
 
 parameters! {
@@ -44,6 +58,10 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for PneumaticLag<R> {
+    fn lengthen_tube(&mut self, times: R) {
+        self.time_constant = self.time_constant * times;
+    }
+
     fn integrates(&self) -> bool {
         true
     }

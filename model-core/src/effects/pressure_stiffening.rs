@@ -8,7 +8,7 @@
 //! The force g p grows with the pressure as well. Where K k_p θⁿ exceeds g, more
 //! pressure bends the actuator back, and no pressure holds that angle.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
 #[cfg(test)]
 use crate::part::Trial;
@@ -29,6 +29,15 @@ pub const INFO: Info = Info {
            step of pressure bends less than the one before it.",
     signature: "pressure times the spring's force",
     look_alikes: &["exponent_shift", "cubic_stiffness"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -5,7 +5,8 @@
 //! of the input (N). Also with p₀ = 0 a pressure below zero has no effect. The
 //! force has a corner at p₀.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Mapped, Preparation};
@@ -22,6 +23,15 @@ pub const INFO: Info = Info {
            every angle.",
     signature: "small pressures",
     look_alikes: &["linear_stiffness", "sensor_offset"],
+    family: Family::Offset,
+    needs: &[],
+    own_variable: Some(Variable::Pressure),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

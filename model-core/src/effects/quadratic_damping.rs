@@ -4,7 +4,8 @@
 //! turbulent flow that the motion drives through an orifice; ω is the angular
 //! rate (rad/s).
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::table::Variable;
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::{Dynamics, Rates};
 use crate::elementary::{SMALL, ln};
 #[cfg(test)]
@@ -23,6 +24,15 @@ pub const INFO: Info = Info {
            that a linear model would need grows with the amplitude.",
     signature: "angular velocity, fast parts only",
     look_alikes: &["angle_dependent_damping", "vent_asymmetry"],
+    family: Family::RateDamping,
+    needs: &[],
+    own_variable: Some(Variable::Rate),
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -7,7 +7,9 @@
 //! mass is small. A run starts with ξ at rest, which a piece that was cut out
 //! right after an edge does not; that is where this is weak.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Unit, full_turn, parameters};
+use super::{
+    Family, Hidden, Info, Mechanism, Parameter, Place, State, Unit, full_turn, parameters,
+};
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -26,6 +28,24 @@ pub const INFO: Info = Info {
            always the same frequency, which dies away and leaves rest angles as they are.",
     signature: "a narrow line in the spectrum after each edge",
     look_alikes: &["periodic_disturbance"],
+    family: Family::SecondMode,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[
+        State {
+            key: "deflection_rad",
+            text: "ξ, deflection (rad)",
+        },
+        State {
+            key: "deflection_rad_per_s",
+            text: "dξ/dt, its rate (rad/s)",
+        },
+    ],
 };
 
 parameters! {

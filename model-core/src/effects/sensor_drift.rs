@@ -6,7 +6,7 @@
 //! is zero by definition; what has drifted before a session that starts later is in
 //! its first reading.
 
-use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
+use super::{Family, Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Preparation, Shown};
@@ -23,6 +23,15 @@ pub const INFO: Info = Info {
            angles, and is gone after a new tare.",
     signature: "time in the run, also at rest",
     look_alikes: &["stiffness_drift", "maxwell_branch"],
+    family: Family::Drift,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -10,7 +10,9 @@
 //! exact, and θ̇ = ẏ, which is right as far as the motion is even; that is where
 //! this is weak.
 
-use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Family, Hidden, Info, Mechanism, Motion, Parameter, Place, Rest, State, Unit, parameters,
+};
 use crate::carried::Lag;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
@@ -29,6 +31,18 @@ pub const INFO: Info = Info {
            also a free swing in which the pressure plays no part.",
     signature: "angular velocity, in free swings as well",
     look_alikes: &["pneumatic_lag"],
+    family: Family::SensorPath,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[State {
+        key: "shown_rad",
+        text: "y, what the sensor shows (rad)",
+    }],
 };
 
 parameters! {

@@ -5,7 +5,7 @@
 //! the model. The reading rises with the angle as long as 1 + 2cθ > 0; beyond
 //! that the sensor would show two angles alike.
 
-use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
+use super::{Family, Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Preparation, Shown};
@@ -23,6 +23,15 @@ pub const INFO: Info = Info {
            decides.",
     signature: "shown angle alone",
     look_alikes: &["exponent_shift", "gravity"],
+    family: Family::StiffnessShape,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

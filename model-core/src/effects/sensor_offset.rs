@@ -3,7 +3,10 @@
 //! b (rad) is what the sensor shows when the actuator is straight: a flex
 //! sensor that was not tared, or that was glued on slightly bent.
 
-use super::{Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters};
+use super::{
+    Doubtful, Family, Hidden, Info, Mechanism, Motion, Parameter, Place, Unit, parameters,
+};
+use crate::catalogue::Kind;
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Preparation, Shown};
@@ -20,6 +23,15 @@ pub const INFO: Info = Info {
            run, also at rest.",
     signature: "constant, also at rest",
     look_alikes: &["pressure_threshold"],
+    family: Family::Offset,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[Doubtful::Beside(Kind::MaxwellBranch)],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

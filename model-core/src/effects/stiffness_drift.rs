@@ -10,7 +10,7 @@
 //! set, and no drift. Within them the line is exact; at them the factor has a
 //! corner, beyond which it no longer depends on ρ.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
 #[cfg(test)]
 use crate::part::Trial;
@@ -38,6 +38,15 @@ pub const INFO: Info = Info {
            quarter of its value and four times it.",
     signature: "time in the run",
     look_alikes: &["maxwell_branch", "sensor_drift"],
+    family: Family::Drift,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

@@ -8,8 +8,12 @@
 //! the peak the friction falls with the rate: a negative damping, which makes
 //! slow motions stick and slip.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Sign, Unit, parameters};
+use super::table::Variable;
+use super::{
+    Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Sign, Unit, parameters,
+};
 use crate::actuator::Model;
+use crate::catalogue::Kind;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -30,6 +34,15 @@ pub const INFO: Info = Info {
            the last degrees before rest are not reached.",
     signature: "sign of angular velocity, most near standstill",
     look_alikes: &["coulomb_friction"],
+    family: Family::DryFriction,
+    needs: &[Need::Return],
+    own_variable: Some(Variable::Rate),
+    special_case: Some(Kind::CoulombFriction),
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: false,
+    states: &[],
 };
 
 parameters! {

@@ -17,7 +17,7 @@
 //! ([`InModel`] stands in its slot), since it is eight times as large as any other
 //! effect and a board has little RAM.
 
-use super::{Hidden, Info, Instant, Mechanism, Parameter, Place, Unit};
+use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit};
 use crate::actuator::Model;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
@@ -39,6 +39,15 @@ pub const INFO: Info = Info {
            changes its sign with the motion.",
     signature: "the variable that it is a table of",
     look_alikes: &[],
+    family: Family::Other,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 /// The most nodes of a table.

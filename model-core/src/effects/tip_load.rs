@@ -16,7 +16,7 @@
 //! ([`Gravity`]) and an inertia in its place, and that is what is simulated and what a board gets.
 
 use super::gravity::Gravity;
-use super::{Info, Mechanism, Parameter, Place, Unit, parameters};
+use super::{Family, Info, Mechanism, Parameter, Place, Unit, parameters};
 #[cfg(test)]
 use crate::part::Trial;
 use crate::part::{Base, Nothing, Preparation};
@@ -39,6 +39,15 @@ pub const INFO: Info = Info {
            from all of them.",
     signature: "between recordings with different loads",
     look_alikes: &["gravity"],
+    family: Family::Other,
+    needs: &[],
+    own_variable: None,
+    special_case: None,
+    imitates: &[],
+    told_by: &[],
+    doubtful: &[],
+    has_slope: true,
+    states: &[],
 };
 
 parameters! {

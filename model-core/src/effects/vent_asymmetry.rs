@@ -6,8 +6,11 @@
 //! through another opening. The flow p − p_c is continuous at zero, its slope is
 //! not.
 
-use super::{Hidden, Info, Mechanism, Parameter, Place, Rest, Unit, parameters};
+use super::{
+    Change, Family, Hidden, Info, Mechanism, Need, Parameter, Place, Rest, State, Unit, parameters,
+};
 use crate::carried::Lag;
+use crate::catalogue::Kind;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -25,6 +28,18 @@ pub const INFO: Info = Info {
            times; slow parts and rest angles are not touched.",
     signature: "time since the last command edge, up and down apart",
     look_alikes: &["asymmetric_damping"],
+    family: Family::InputPath,
+    needs: &[Need::Return],
+    own_variable: None,
+    special_case: Some(Kind::PneumaticLag),
+    imitates: &[],
+    told_by: &[Change::LongerTube],
+    doubtful: &[],
+    has_slope: true,
+    states: &[State {
+        key: "chamber_pa",
+        text: "p_c, pressure (Pa)",
+    }],
 };
 
 parameters! {
@@ -57,6 +72,11 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for VentAsymmetry<R> {
+    fn lengthen_tube(&mut self, times: R) {
+        self.fill = self.fill * times;
+        self.vent = self.vent * times;
+    }
+
     fn integrates(&self) -> bool {
         true
     }

@@ -144,7 +144,7 @@ fn fate(named: Kind, other: Kind, size: usize, tried: &[FittedStructure]) -> Ali
         None => Alike::NotTried,
         Some(best) if !best.rejected => Alike::NotSeparated,
         // Its probability was given to the special case.
-        Some(_) if other.special_case() == Some(named) => Alike::MoreGeneral,
+        Some(_) if other.info().special_case == Some(named) => Alike::MoreGeneral,
         Some(_) => Alike::ToldApart,
     }
 }

@@ -1,6 +1,7 @@
 //! Rival explanations, and the run that would separate them.
 
 use model_core::catalogue::Kind;
+use model_core::effects::Change;
 use serde::Serialize;
 
 use super::explained::of_the_refit;
@@ -166,7 +167,11 @@ fn turning(diagnosis: &Diagnosis) -> Option<String> {
 /// What a longer tube would tell, of which the length has to be known first.
 fn measuring_the_tube(diagnosis: &Diagnosis) -> Option<String> {
     let explanations = diagnosis.finding.explanations().iter();
-    let has_air = |kinds: &[Kind]| kinds.iter().any(|kind| kind.is_slower_in_a_longer_tube());
+    let has_air = |kinds: &[Kind]| {
+        kinds
+            .iter()
+            .any(|kind| kind.info().told_by.contains(&Change::LongerTube))
+    };
     let (with, without): (Vec<_>, Vec<_>) = explanations.partition(|it| has_air(&it.kinds));
     let is_open = !with.is_empty() && !without.is_empty();
     (is_open && diagnosis.data.tube_mm().is_none()).then(|| {

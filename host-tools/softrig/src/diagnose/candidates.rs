@@ -10,7 +10,7 @@ use model_core::dynamics::Dynamics;
 use model_core::effects::{Mechanism, Parameter, Place, Unit};
 
 use super::executor::{Executor, Unfitted};
-use super::needs::Shown;
+use super::needs::{Shown, unmet};
 use super::policy::Policy;
 use super::score::{Guess, Guesses};
 use crate::estimate::filter::Level;
@@ -67,7 +67,8 @@ impl Candidate {
                 return false;
             };
             let own = kind.parameters().get(parameter).map(|row| row.key);
-            kind.special_case()
+            kind.info()
+                .special_case
                 .is_some_and(|special| special.parameters().iter().all(|row| Some(row.key) != own))
                 && fit.reaches_bound(index)
         })
@@ -383,10 +384,10 @@ pub fn applicable(
                 kind,
                 reason: "the model has it already",
             });
-        } else if let Some(need) = shown.unmet(kind, kind.info().place == Place::Input) {
+        } else if let Some(need) = shown.unmet(kind) {
             untried.push(Untried {
                 kind,
-                reason: need.unmet(),
+                reason: unmet(need),
             });
         } else {
             tried.push(kind);

@@ -40,7 +40,7 @@ use super::doubts::Doubt;
 use super::finding::{Explanation, Finding, NamedKind};
 use super::policy::Policy;
 use super::verdict::Strength;
-use softrig_formats::family::Family;
+use softrig_formats::family;
 
 /// The measurements of one structure.
 #[derive(Clone, Debug, PartialEq)]
@@ -201,7 +201,7 @@ impl Evidence<'_> {
         let strength = self.strength(row, policy);
         let is_wrong = |it: &Beside| it.leaves.iter().all(|share| *share <= policy.shape);
         let is_named = self.ranking.is_firm && !self.beside.as_ref().is_some_and(is_wrong);
-        let families = Family::of_all(kinds);
+        let families = family::of_all(kinds);
         let chances = probabilities(self.scored, kinds.len(), policy);
         let (tried, open) = (tried_sizes(self.undone), is_open(self.undone));
         let out_of_time = if is_named { kinds.len() > tried } else { open };
@@ -237,10 +237,10 @@ impl Evidence<'_> {
     /// Structures that cannot be told apart.
     fn open(&self, rivals: &[usize], policy: &Policy) -> Finding {
         let first = &self.scored[rivals[0]];
-        let families = Family::of_all(&first.kinds);
+        let families = family::of_all(&first.kinds);
         let are_one = rivals
             .iter()
-            .all(|&row| Family::of_all(&self.scored[row].kinds) == families);
+            .all(|&row| family::of_all(&self.scored[row].kinds) == families);
         let chances = probabilities(self.scored, first.kinds.len(), policy);
         let total: f64 = rivals.iter().map(|&row| chances[row]).sum();
         let of_all = |row: usize| chances[row] / total.max(f64::MIN_POSITIVE);
@@ -267,7 +267,8 @@ impl Evidence<'_> {
     fn inclusions(&self, named: impl Iterator<Item = Kind>, policy: &Policy) -> Vec<NamedKind> {
         let named: Vec<Kind> = named.collect();
         let rows = of_size(self.scored, named.len(), policy);
-        let stands_for = |own: Kind, kind: Kind| own == kind || own.special_case() == Some(kind);
+        let stands_for =
+            |own: Kind, kind: Kind| own == kind || own.info().special_case == Some(kind);
         let holds = |row: usize, kind: Kind| {
             let mut kinds = self.scored[row].kinds.iter();
             kinds.any(|&own| stands_for(own, kind))
@@ -502,7 +503,7 @@ fn measured_odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
     if rival.kinds.len() != first.kinds.len() || !takes_part(rival) || gives_way {
         return 0.0;
     }
-    let is_kin = Family::of_all(&rival.kinds) == Family::of_all(&first.kinds);
+    let is_kin = family::of_all(&rival.kinds) == family::of_all(&first.kinds);
     let by_error = libm::pow(
         rejected(policy),
         libm::log(ratio) / libm::log(policy.comparable),
@@ -528,7 +529,7 @@ fn cannot_be_excluded(rival: &Scored, first: &Scored, policy: &Policy) -> bool {
         && is_special_case(&rival.kinds, &first.kinds)
         && rival.leaves() <= 1.0 - policy.part;
     let imitated = exchanged(&first.kinds, &rival.kinds)
-        .is_some_and(|(own, other)| own.imitates().contains(&other))
+        .is_some_and(|(own, other)| own.info().imitates.contains(&other))
         && rival.leaves() <= 1.0 - policy.explains;
     ended_there || imitated
 }
@@ -569,7 +570,7 @@ fn least(
 /// Whether a structure can be an answer: effects of families of their own, and an error that
 /// could be measured.
 fn takes_part(row: &Scored) -> bool {
-    let mut families = Family::of_all(&row.kinds);
+    let mut families = family::of_all(&row.kinds);
     families.dedup();
     !row.kinds.is_empty() && families.len() == row.kinds.len() && row.leaves().is_finite()
 }
@@ -577,7 +578,7 @@ fn takes_part(row: &Scored) -> bool {
 /// Whether `narrow` is `wide` with one effect replaced by its special case.
 pub fn is_special_case(narrow: &[Kind], wide: &[Kind]) -> bool {
     exchanged(wide, narrow)
-        .is_some_and(|(general, special)| general.special_case() == Some(special))
+        .is_some_and(|(general, special)| general.info().special_case == Some(special))
 }
 
 /// The one effect in which two structures differ, and the one in its place; none if they
@@ -595,6 +596,7 @@ fn exchanged(from: &[Kind], to: &[Kind]) -> Option<(Kind, Kind)> {
 
 #[cfg(test)]
 mod tests {
+    use model_core::effects::Family;
     use proptest::prelude::*;
 
     use super::super::verdict::Answer;
@@ -1173,7 +1175,7 @@ mod tests {
                         // What is a special case of the rival is part of it.
                         let kinds = &rows[place].kinds;
                         let is_kin = kinds.iter().any(|it| {
-                            it == kind || it.special_case() == Some(*kind)
+                            it == kind || it.info().special_case == Some(*kind)
                         });
                         prop_assert!(is_kin || a <= b + 1e-9, "{a} after {b}");
                     }

@@ -7,7 +7,7 @@
 
 use model_core::actuator::ParameterId;
 use model_core::catalogue::Kind;
-use model_core::effects::Unit;
+use model_core::effects::{Doubtful, Unit};
 
 use super::candidates::Candidate;
 use super::needs::is_loaded_again;
@@ -56,12 +56,9 @@ impl Doubt {
             Some(Self::AtBound)
         } else if !effects.are_determined() {
             Some(Self::Undetermined)
-        } else if candidate.added.contains(&Kind::MullinsSoftening) && !is_loaded_again(data) {
+        } else if effects.any_doubtful(Doubtful::LoadedOnce) && !is_loaded_again(data) {
             Some(Self::LoadedOnce)
-        } else if [Kind::SensorOffset, Kind::MaxwellBranch]
-            .iter()
-            .all(|kind| candidate.added.contains(kind))
-        {
+        } else if effects.stand_beside_a_cause() {
             Some(Self::CreepingRest)
         } else {
             effects
@@ -89,6 +86,17 @@ impl Effects<'_> {
             let row = added.get(effect)?.parameters().get(parameter)?;
             Some((place, effect, row.key, row.unit))
         })
+    }
+
+    fn any_doubtful(&self, when: Doubtful) -> bool {
+        let mut added = self.candidate.added.iter();
+        added.any(|kind| kind.info().doubtful.contains(&when))
+    }
+
+    /// Whether one of them is no name beside another.
+    fn stand_beside_a_cause(&self) -> bool {
+        let mut added = self.candidate.added.iter();
+        added.any(|&kind| self.any_doubtful(Doubtful::Beside(kind)))
     }
 
     fn any_at_bound(&self) -> bool {
@@ -157,7 +165,8 @@ fn of_line(kind: Kind, frequency: f64, data: &Dataset) -> Option<Doubt> {
         .iter()
         .map(|session| session.recording().duration())
         .fold(0.0, f64::max);
-    if kind == Kind::PeriodicDisturbance && frequency * longest < PERIODS {
+    let is_a_curve = kind.info().doubtful.contains(&Doubtful::FewPeriods);
+    if is_a_curve && frequency * longest < PERIODS {
         return Some(Doubt::FewPeriods);
     }
     data.sessions()

@@ -6,6 +6,7 @@
 //! record.
 
 use model_core::catalogue::Kind;
+use model_core::effects::{Info, Need, Place};
 
 use crate::estimate::Dataset;
 use crate::statistics::{noise, swing};
@@ -17,39 +18,12 @@ const RETURNS: f64 = 0.1;
 /// Least return in standard deviations of the noise.
 const BEYOND_NOISE: f64 = 6.0;
 
-/// What an effect needs to be seen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// A pressure that changes.
-    Drive,
-    /// A pressure that turns back.
-    Reversal,
-    /// An angle that goes and comes back.
-    Return,
-}
-
-impl Need {
-    /// Why an effect was not tried, as a clause.
-    pub const fn unmet(self) -> &'static str {
-        match self {
-            Self::Drive => "the pressure never changes in these recordings",
-            Self::Reversal => "the pressure never turns back in these recordings",
-            Self::Return => "the angle never comes back in these recordings",
-        }
-    }
-}
-
-/// The needs of an effect, besides its place; a user's formula has none.
-const fn needs(kind: Kind) -> &'static [Need] {
-    match kind {
-        Kind::InputBacklash => &[Need::Reversal],
-        Kind::CoulombFriction
-        | Kind::StribeckFriction
-        | Kind::BoucWenHysteresis
-        | Kind::AsymmetricDamping
-        | Kind::VentAsymmetry
-        | Kind::MullinsSoftening => &[Need::Return],
-        _ => &[],
+/// Why an effect was not tried, as a clause.
+pub const fn unmet(need: Need) -> &'static str {
+    match need {
+        Need::Drive => "the pressure never changes in these recordings",
+        Need::Reversal => "the pressure never turns back in these recordings",
+        Need::Return => "the angle never comes back in these recordings",
     }
 }
 
@@ -78,12 +52,13 @@ impl Shown {
         }
     }
 
-    /// The first need of an effect that is not met; `is_input` if it acts on the pressure.
-    pub fn unmet(self, kind: Kind, is_input: bool) -> Option<Need> {
-        let drive = is_input.then_some(Need::Drive);
+    /// The first need of an effect that is not met.
+    pub fn unmet(self, kind: Kind) -> Option<Need> {
+        let Info { place, needs, .. } = kind.info();
+        let drive = (*place == Place::Input).then_some(Need::Drive);
         drive
             .into_iter()
-            .chain(needs(kind).iter().copied())
+            .chain(needs.iter().copied())
             .find(|need| match need {
                 Need::Drive => !self.drive,
                 Need::Reversal => !self.reversal,
@@ -182,7 +157,7 @@ mod tests {
     }
 
     fn unmet(runs: &[Recording], kind: Kind) -> Option<Need> {
-        Shown::by(&Dataset::of(runs)).unmet(kind, kind == Kind::PneumaticLag)
+        Shown::by(&Dataset::of(runs)).unmet(kind)
     }
 
     #[test]

@@ -27,7 +27,7 @@
 use std::cmp::Ordering;
 
 use model_core::actuator::Model;
-use model_core::catalogue::Kind;
+use model_core::effects::Change;
 use nalgebra::{DMatrix, DVector, RowSVector};
 use rayon::prelude::*;
 use wire::decimal::Hundredths;
@@ -300,16 +300,16 @@ fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
     /// A quarter of a turn (°), one way and the other: the weight pulls most at the zero of the
     /// angle, and the actuator sags where its sensor sees it or where it does not.
     const TURNED: [f64; 2] = [90.0, -90.0];
-    let has = |is_meant: &dyn Fn(Kind) -> bool| {
+    let tells = |change: Change| {
         rivals.iter().any(|rival| {
             let mut effects = rival.fit.model.effects();
-            effects.any(|effect| is_meant(effect.kind()))
+            effects.any(|effect| effect.kind().info().told_by.contains(&change))
         })
     };
     let usual = Setup::default;
     // What the first stretch has taken is not there to be seen again: all that such a run says
     // is that nothing is forgotten over a rest.
-    let as_it_is = if has(&|kind| kind == Kind::MullinsSoftening) && limits.stretched_rad > 0.0 {
+    let as_it_is = if tells(Change::Rested) && limits.stretched_rad > 0.0 {
         Setup {
             rested_s: Some(REST_S),
             ..usual()
@@ -318,7 +318,7 @@ fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
         usual()
     };
     let mut all = vec![as_it_is];
-    if has(&|kind| kind == Kind::Gravity) {
+    if tells(Change::Turned) {
         all.extend(TURNED.map(|tilt| Setup {
             tilt_deg: Some(tilt),
             ..usual()
@@ -329,7 +329,7 @@ fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
         tip_load_g: Some(HEAVIER * grams),
         ..usual()
     }));
-    if has(&Kind::is_slower_in_a_longer_tube) {
+    if tells(Change::LongerTube) {
         all.extend(limits.tube_mm.map(|tube_mm| Setup {
             tube_mm: Some(LONGER * tube_mm),
             ..usual()
@@ -708,6 +708,7 @@ fn cycles_holds_and_sines() -> Vec<ProtocolFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use model_core::catalogue::Kind;
     use model_core::dynamics::Dynamics;
 
     fn nominal() -> Model<f64> {

@@ -24,7 +24,7 @@ use super::finding::names;
 use super::measure::Measured;
 use super::policy::Policy;
 use crate::clock::Instant;
-use softrig_formats::family::{Family, title};
+use softrig_formats::family::{of_all, title};
 use softrig_formats::numbers::duration;
 use softrig_formats::numbers::{degrees, percent};
 
@@ -520,7 +520,7 @@ impl Best {
 
 impl fmt::Display for Best {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let families = title(&Family::of_all(&self.kinds));
+        let families = title(&of_all(&self.kinds));
         let effects = names(&self.kinds).join(" + ");
         write!(f, "{families} ({effects}), leaves {}", degrees(self.leaves))?;
         if let Some(of) = self.of {
@@ -590,7 +590,7 @@ impl State {
             (None, None) => return "no explanation so far".into(),
         };
         if let Some(kind) = self.known.leads {
-            let family = title(&Family::of_all(&[kind]));
+            let family = title(&of_all(&[kind]));
             text += &format!(
                 "; that looks most like {family} ({})",
                 names(&[kind]).join(" + ")

@@ -218,7 +218,7 @@ impl Rows {
             table_leaves,
         } = self.repaired(context, validator, &ranking);
         let own = ranking.first().filter(|_| repaired.added.len() == 2);
-        let own = own.and_then(|row| tables::own_variable(*self.scored[row].kinds.first()?));
+        let own = own.and_then(|row| self.scored[row].kinds.first()?.info().own_variable);
         let of = own.filter(|&own| repaired.fit.model.table().is_some_and(|it| it.of() == own));
         Selection {
             beside: of

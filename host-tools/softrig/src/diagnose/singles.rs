@@ -16,7 +16,6 @@ use super::noise::NoiseFloor;
 use super::policy::{Policy, Search};
 use super::progress::Stage;
 use crate::estimate::fit::Effort;
-use softrig_formats::family::Family;
 
 /// Number of structures with a final fit.
 const FINISHED: usize = 12;
@@ -113,11 +112,11 @@ impl Singles {
             return Vec::new();
         };
         let is_near = |kind: Kind| {
-            kind.special_case() == Some(best)
-                || best.special_case() == Some(kind)
-                || best.imitates().contains(&kind)
-                || kind.imitates().contains(&best)
-                || Family::of(kind) == Family::of(best)
+            kind.info().special_case == Some(best)
+                || best.info().special_case == Some(kind)
+                || best.info().imitates.contains(&kind)
+                || kind.info().imitates.contains(&best)
+                || kind.info().family == best.info().family
         };
         let fitted = |kind: Kind| self.coarse.iter().any(|it| it.added.contains(&kind));
         kinds

@@ -9,7 +9,7 @@
 //! pressure the gain: that parameter is held at its value from the fit without the table.
 
 use model_core::actuator::{MAX_EFFECTS, Model, ParameterId};
-use model_core::catalogue::{Effect, Kind};
+use model_core::catalogue::Effect;
 use model_core::effects::table::{FIRST_FORCE, Table, Variable};
 use rayon::prelude::*;
 use statrs::statistics::{Data, OrderStatistics};
@@ -51,26 +51,6 @@ pub fn with_table(context: &FitContext<'_>, base: &Candidate) -> Option<Candidat
     });
     let fit = context.executor.reached(SearchPart::Table, fitted)?;
     Some(Candidate::of(best.added.len(), whole.informed(&fit)))
-}
-
-/// The variable of which an effect's force is a function; none for an effect with a
-/// memory, or of several variables.
-pub fn own_variable(kind: Kind) -> Option<Variable> {
-    match kind {
-        Kind::CoulombFriction
-        | Kind::StribeckFriction
-        | Kind::QuadraticDamping
-        | Kind::AsymmetricDamping => Some(Variable::Rate),
-        Kind::ExponentShift
-        | Kind::CubicStiffness
-        | Kind::LinearStiffness
-        | Kind::Gravity
-        | Kind::EndStop => Some(Variable::Angle),
-        Kind::PressureThreshold => Some(Variable::Pressure),
-        Kind::PeriodicDisturbance => Some(Variable::Time),
-        Kind::Custom(formula) => formula.own_variable(),
-        _ => None,
-    }
 }
 
 /// A structure with a table of this variable, fitted to the subsample; none if there is
@@ -159,6 +139,7 @@ mod tests {
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
     use crate::synth::example::{Hidden, make};
+    use model_core::catalogue::Kind;
     use softrig_formats::model_file::ModelFile;
     use std::path::Path;
 
