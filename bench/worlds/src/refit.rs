@@ -4,6 +4,8 @@
 //! The solver is a library's (MINPACK's algorithm); simulations and
 //! derivatives, by finite differences, are the truth simulator's.
 
+use std::cell::OnceCell;
+
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
@@ -114,6 +116,7 @@ pub(super) fn least_squares(count: usize, residuals: &dyn Fn(&[f64]) -> Vec<f64>
     let problem = Problem {
         residuals,
         position: DVector::zeros(count),
+        here: OnceCell::new(),
     };
     let (solved, _) = LevenbergMarquardt::new()
         .with_ftol(1e-5)
@@ -128,6 +131,9 @@ pub(super) fn least_squares(count: usize, residuals: &dyn Fn(&[f64]) -> Vec<f64>
 struct Problem<'a> {
     residuals: &'a dyn Fn(&[f64]) -> Vec<f64>,
     position: DVector<f64>,
+    /// The residuals there, once they are asked for: the solver asks for them and for the
+    /// derivatives.
+    here: OnceCell<Option<DVector<f64>>>,
 }
 
 impl Problem<'_> {
@@ -147,6 +153,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
     fn set_params(&mut self, position: &DVector<f64>) {
         self.position.copy_from(position);
+        self.here.take();
     }
 
     fn params(&self) -> DVector<f64> {
@@ -154,13 +161,13 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
-        self.at(&self.position)
+        self.here.get_or_init(|| self.at(&self.position)).clone()
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         /// Large enough to step over the rounding of hysteresis to whole steps.
         const STEP: f64 = 1e-3;
-        let here = self.at(&self.position)?;
+        let here = self.residuals()?;
         let mut jacobian = DMatrix::zeros(here.len(), self.position.len());
         for column in 0..self.position.len() {
             let mut moved = self.position.clone();

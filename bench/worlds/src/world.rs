@@ -159,9 +159,8 @@ fn own(slot: usize) -> std::ops::Range<usize> {
     2 + slot * STATES..2 + (slot + 1) * STATES
 }
 
-/// What one evaluation of the equations gives.
+/// What one evaluation of the equations gives beside the rates.
 struct Evaluated {
-    rates: States,
     reading: f64,
     /// Pressure before each effect, for what remembers it.
     pressures: [f64; EFFECTS],
@@ -176,20 +175,28 @@ impl World {
         }
     }
 
+    /// Number of states that move; those beyond are neither read nor written.
+    fn used(&self) -> usize {
+        2 + self.effects.len() * STATES
+    }
+
+    /// Evaluates the equations at a time (s), with this pressure (Pa) in the line. The rates of
+    /// the states that move are written into `rates`.
     fn evaluate(
         &self,
         outside: &Outside<'_>,
-        time: f64,
+        (time, pressure): (f64, f64),
         states: &States,
         memory: &Memory,
+        rates: &mut States,
     ) -> Evaluated {
-        let mut rates = [0.0; ALL_STATES];
+        rates[..self.used()].fill(0.0);
         let mut pressures = [0.0; EFFECTS];
         let mut at = Moment {
             time,
             angle: states[0],
             rate: states[1],
-            pressure: outside.line.at(time) + outside.shift,
+            pressure,
             run: outside.run,
         };
         for (slot, effect) in self.effects.iter().enumerate() {
@@ -217,11 +224,7 @@ impl World {
             let (x, dx) = (&states[own(slot)], &mut rates[own(slot)]);
             reading = effect.sensor(at, acceleration, reading, x, dx);
         }
-        Evaluated {
-            rates,
-            reading,
-            pressures,
-        }
+        Evaluated { reading, pressures }
     }
 
     /// What a perfect sensor would show (rad), [`SAMPLES_HZ`] times a second, from
@@ -285,23 +288,25 @@ impl World {
         states: &mut States,
         memory: &mut Memory,
     ) -> f64 {
-        let used = 2 + self.effects.len() * STATES;
-        let from = *states;
-        let moved = |by: f64, rates: &States| {
-            let mut next = from;
+        let used = self.used();
+        let at = |time: f64| (time, outside.line.at(time) + outside.shift);
+        let middle = at(time + 0.5 * h);
+        let [mut k1, mut k2, mut k3, mut k4] = [[0.0; ALL_STATES]; 4];
+        let mut moved = [0.0; ALL_STATES];
+        let go = |moved: &mut States, by: f64, rates: &States, from: &States| {
             for k in 0..used {
-                next[k] += by * rates[k];
+                moved[k] = from[k] + by * rates[k];
             }
-            next
         };
-        let first = self.evaluate(outside, time, &from, memory);
-        let middle = time + 0.5 * h;
-        let k1 = first.rates;
-        let k2 = self.evaluate(outside, middle, &moved(0.5 * h, &k1), memory);
-        let k3 = self.evaluate(outside, middle, &moved(0.5 * h, &k2.rates), memory);
-        let end = self.evaluate(outside, time + h, &moved(h, &k3.rates), memory);
+        let first = self.evaluate(outside, at(time), states, memory, &mut k1);
+        go(&mut moved, 0.5 * h, &k1, states);
+        self.evaluate(outside, middle, &moved, memory, &mut k2);
+        go(&mut moved, 0.5 * h, &k2, states);
+        self.evaluate(outside, middle, &moved, memory, &mut k3);
+        go(&mut moved, h, &k3, states);
+        let end = self.evaluate(outside, at(time + h), &moved, memory, &mut k4);
         for k in 0..used {
-            states[k] += h / 6.0 * (k1[k] + 2.0 * (k2.rates[k] + k3.rates[k]) + end.rates[k]);
+            states[k] += h / 6.0 * (k1[k] + 2.0 * (k2[k] + k3[k]) + k4[k]);
         }
         for (slot, effect) in self.effects.iter().enumerate() {
             let at = Moment {
