@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
-use softrig::diagnose::{Progress, Request, diagnose};
+use softrig::diagnose::{Job, Request, diagnose};
 use softrig_bench::blind::answer::{Answer, Collection};
 use softrig_bench::blind::bench::cases::{Made, Plan, make, plan};
 use softrig_bench::blind::bench::session::Rig;
@@ -436,7 +436,7 @@ fn a_session_is_diagnosed_and_not_refused() {
     let file = ModelFile::read(&folder.join("model.toml")).unwrap();
     let recordings = read(&folder);
     let request = Request::of(&file, &recordings);
-    let diagnosis = diagnose(&request, &Progress::default()).unwrap();
+    let diagnosis = diagnose(&request, &Job::default()).unwrap();
     assert!(diagnosis.refit.rmse().is_finite());
     std::fs::remove_dir_all(&folder).unwrap();
 }

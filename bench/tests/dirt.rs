@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use model_core::catalogue::Kind;
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::{Hidden, make};
 use softrig_bench::invariance::ways::Way;
 use softrig_formats::left_out::What;
@@ -27,7 +27,7 @@ fn asked(way: Way) -> Diagnosis {
         })
         .collect();
     let request = Request::of(&file, &recordings);
-    diagnose(&request, &Progress::default()).unwrap()
+    diagnose(&request, &Job::default()).unwrap()
 }
 
 /// One of each kind: a channel, rows, the clock.

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use softrig::diagnose::{Progress, Request, diagnose};
+use softrig::diagnose::{Job, Request, diagnose};
 use softrig::synth::example::{self, Hidden};
 use softrig_bench::blind::bench::cases::{self as bench, Plan};
 use softrig_bench::blind::bench::session::Rig;
@@ -112,7 +112,7 @@ fn ask(question: &Question) -> Result<Answer, InputError> {
         own: None,
         seed: question.seed,
     };
-    let diagnosis = diagnose(&request, &Progress::default())?;
+    let diagnosis = diagnose(&request, &Job::default())?;
     let verdict = serde_json::to_value(diagnosis.verdict(&request, 0.0)).unwrap();
     Ok(Answer::of(&verdict).unwrap())
 }

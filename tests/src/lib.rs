@@ -9,7 +9,7 @@ pub mod verdict;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Example;
 use softrig_formats::error::write_atomically;
 use softrig_formats::model_file::ModelFile;
@@ -105,7 +105,7 @@ impl Case {
             own: None,
             seed: 1,
         };
-        diagnose(&request, &Progress::default()).unwrap()
+        diagnose(&request, &Job::default()).unwrap()
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 use softrig::diagnose::verdict::Answer;
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::{Example, Hidden, make, of_actuator};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
@@ -70,7 +70,7 @@ fn diagnosed(example: &Example, own: Option<&OwnEffects>) -> (Diagnosis, Value, 
         own,
         ..Request::of(&file, &recordings)
     };
-    let diagnosis = diagnose(&request, &Progress::default()).unwrap();
+    let diagnosis = diagnose(&request, &Job::default()).unwrap();
     let verdict = serde_json::to_value(diagnosis.verdict(&request, 0.0)).unwrap();
     (diagnosis, verdict, file)
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use softrig::estimate::Dataset;
-use softrig::estimate::fit::Fitter;
+use softrig::estimate::fitter::Fitter;
 use softrig_formats::model_file::ModelFile;
 
 use super::answer::Answer;

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
-use softrig::diagnose::{Progress, Request, diagnose};
+use softrig::diagnose::{Job, Request, diagnose};
 use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::{ModelFile, to_file_units};
@@ -62,7 +62,7 @@ impl Outcome {
         let (clock, processor) = (Instant::now(), processor_seconds());
         // A panic is a wrong answer to one case, not the end of the benchmark.
         let diagnosis = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            diagnose(&request, &Progress::default()).map_err(|error| error.to_string())
+            diagnose(&request, &Job::default()).map_err(|error| error.to_string())
         }))
         .unwrap_or_else(|_| Err("the diagnosis panicked".to_owned()));
         let seconds = clock.elapsed().as_secs_f64();

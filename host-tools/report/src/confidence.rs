@@ -3,7 +3,8 @@
 use softrig::diagnose::finding::Finding;
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::estimate::band::NoBand;
-use softrig::estimate::fit::{Effort, Fitter};
+use softrig::estimate::fit::Effort;
+use softrig::estimate::fitter::Fitter;
 use softrig_formats::model_file::parameter_name;
 
 use super::pictures::{REFITTED, REPAIRED};

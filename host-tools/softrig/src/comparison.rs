@@ -12,7 +12,8 @@ use softrig_formats::recording::Recording;
 
 use crate::diagnose::noise::NoiseFloor;
 use crate::estimate::Dataset;
-use crate::estimate::fit::{Effort, Fitter, Residuals};
+use crate::estimate::fit::{Effort, Residuals};
+use crate::estimate::fitter::Fitter;
 use crate::estimate::placement::without_law;
 use crate::estimate::unit_errors;
 use crate::sim::linear::linear_rival;

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use model_core::catalogue::Kind;
-use softrig::diagnose::{Progress, Request, diagnose};
+use softrig::diagnose::{Job, Request, diagnose};
 use softrig::sim::work::Work;
 use softrig::synth::example::{Hidden, make};
 use softrig_formats::model_file::ModelFile;
@@ -29,7 +29,7 @@ fn a_diagnosis_simulates_no_more_than_it_did() {
         let recordings: Vec<Recording> = example.recordings.into_iter().map(|it| it.1).collect();
         let request = Request::of(&file, &recordings);
         let before = Work::so_far();
-        diagnose(&request, &Progress::default()).unwrap();
+        diagnose(&request, &Job::default()).unwrap();
         let work = Work::so_far() - before;
         let millions = |count: u64| count as f64 / 1e6;
         is_more |= millions(work.plain) > plain;

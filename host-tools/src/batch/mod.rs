@@ -25,7 +25,7 @@ use std::time::Instant;
 
 use manifest::{Case, Cases};
 use results::CaseResult;
-use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
+use softrig::diagnose::{Budget, Job, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
 use softrig_formats::columns::Layout;
@@ -254,13 +254,13 @@ impl Batch<'_> {
     pub fn run(
         &self,
         cases: &mut dyn Cases,
-        progress: &Progress,
+        job: &Job,
         say: &(dyn Fn(&str) -> anyhow::Result<()> + Sync),
     ) -> anyhow::Result<Summary> {
         let Share { index, of } = self.share.unwrap_or(Share { index: 0, of: 1 });
         let places = (index..cases.count()).step_by(of);
         let count = places.len();
-        progress.cases(count);
+        job.progress.cases(count);
         let left = Mutex::new(Left {
             cases,
             places: places.enumerate(),
@@ -268,14 +268,14 @@ impl Batch<'_> {
             warned: Vec::new(),
         });
         self.work_off(|| {
-            let worked = self.work(&left, count, progress, say);
+            let worked = self.work(&left, count, job, say);
             if worked.is_err() {
-                progress.stop();
+                job.allowance.stop();
             }
             worked
         })?;
         let mut left = left.into_inner().unwrap_or_else(PoisonError::into_inner);
-        if self.share.is_none() && !progress.is_stopped() {
+        if self.share.is_none() && !job.allowance.is_stopped() {
             results::write(&table(self.out), rows(self.out, left.cases))?;
         }
         let in_order = |of: &mut Vec<(usize, PathBuf)>| {
@@ -316,11 +316,11 @@ impl Batch<'_> {
         &self,
         left: &Mutex<Left<'_>>,
         count: usize,
-        progress: &Progress,
+        job: &Job,
         say: &(dyn Fn(&str) -> anyhow::Result<()> + Sync),
     ) -> anyhow::Result<()> {
         let left = || left.lock().unwrap_or_else(PoisonError::into_inner);
-        while !progress.is_stopped() {
+        while !job.allowance.is_stopped() {
             let (index, case, width) = {
                 let mut left = left();
                 let Some((index, place)) = left.places.next() else {
@@ -329,7 +329,7 @@ impl Batch<'_> {
                 (index, left.cases.case(place)?, left.cases.longest_name())
             };
             let clock = Instant::now();
-            let how = match diagnose(&case, self.out, self.settings, progress)? {
+            let how = match diagnose(&case, self.out, self.settings, job)? {
                 Outcome::Stopped => break,
                 Outcome::Failed(error) => {
                     let path = Folder::of(self.out, &case).error();
@@ -353,7 +353,7 @@ impl Batch<'_> {
             };
             let found = format!("{:<width$}  {found}", case.name);
             say(&format!("{}/{count} {found}", index + 1))?;
-            progress.case(found);
+            job.progress.case(found);
         }
         Ok(())
     }
@@ -369,7 +369,7 @@ fn diagnose(
     case: &Case,
     out: &Path,
     settings: &Settings,
-    batch: &Progress,
+    batch: &Job,
 ) -> Result<Outcome, InputError> {
     let folder = Folder::of(out, case);
     if let Err(error) = folder.refuse_link() {
@@ -462,7 +462,7 @@ struct Solved {
     warnings: Vec<String>,
 }
 
-fn solve(case: &Case, settings: &Settings, batch: &Progress) -> anyhow::Result<Solved> {
+fn solve(case: &Case, settings: &Settings, batch: &Job) -> anyhow::Result<Solved> {
     // Those of a thousand cases would be read by nobody: they stand beside the verdict.
     let mut warnings = Vec::new();
     check_distinct(&case.recordings, &case.holdout)?;

@@ -12,7 +12,7 @@ use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Batch, Share, manifest};
-use softrig::diagnose::{Budget, Progress, Request, diagnose_from};
+use softrig::diagnose::{Budget, Job, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
 use softrig_formats::error::write_atomically;
@@ -169,7 +169,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
         share: args.share,
         jobs: args.jobs,
     }
-    .run(&mut all, &Progress::default(), &|line| {
+    .run(&mut all, &Job::default(), &|line| {
         Ok(super::print(&format!("{line}\n"))?)
     })?;
     if args.share.is_none() {
@@ -241,7 +241,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     let clock = Instant::now();
     let budget = args.budget.map(Budget::Time);
     let watched = Watched::start(go_on(args.resume.as_deref()), budget, begun)?;
-    let diagnosis = diagnose_from(&request, &checkpoint, &watched.progress);
+    let diagnosis = diagnose_from(&request, &checkpoint, &watched.job);
     let writing = watched.finish();
     let diagnosis = diagnosis?;
     let seconds = clock.elapsed().as_secs_f64();

@@ -8,7 +8,7 @@ use super::input::InputArgs;
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use softrig::estimate::Dataset;
-use softrig::estimate::fit::Fitter;
+use softrig::estimate::fitter::Fitter;
 use softrig_export::{Defaults, ExportError, Language, export, functional_mockup_unit, identifier};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;

@@ -235,7 +235,7 @@ fn diagnosed(
     let go_on = "To go on, repeat the command.".to_owned();
     let watched = Watched::start(go_on, None, Instant::now())?;
     let clock = Instant::now();
-    let diagnosis = diagnose(&request, &watched.progress);
+    let diagnosis = diagnose(&request, &watched.job);
     drop(watched.finish());
     let diagnosis: Diagnosis = diagnosis?;
     if let Some(path) = &args.json {

@@ -12,7 +12,7 @@ use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
-use softrig::diagnose::Progress;
+use softrig::diagnose::Job;
 use softrig::diagnose::candidates::{Candidate, Scales, typical};
 use softrig::diagnose::executor::Executor;
 use softrig::diagnose::finding::names;
@@ -22,7 +22,7 @@ use softrig::diagnose::plan::{Limits, Proposal, proposals, work_min};
 use softrig::diagnose::structures;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::checkpoint::Checkpoint;
-use softrig::estimate::fit::Fitter;
+use softrig::estimate::fitter::Fitter;
 use softrig::estimate::unit_errors;
 use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::Protocol;
@@ -399,8 +399,8 @@ fn fitted(
         )
         .in_file(&file.path)
     })?;
-    let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
-    let executor = Executor::new(&progress, &checkpoint);
+    let (job, checkpoint) = (Job::default(), Checkpoint::default());
+    let executor = Executor::new(&job, &checkpoint);
     pair.iter()
         .map(|kinds| {
             structures::fit(&file, &data, &refit, kinds, executor).map_err(|_| {

@@ -13,7 +13,7 @@ use super::output::{self, FileKind, Output};
 use softrig::comparison::check_comparable;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::filter::Pace;
-use softrig::estimate::fit::Fitter;
+use softrig::estimate::fitter::Fitter;
 use softrig::residual_analysis::{Ahead, Distribution, errors_ahead};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;

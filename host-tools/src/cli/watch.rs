@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use softrig::diagnose::progress::State;
-use softrig::diagnose::{Budget, Progress};
+use softrig::diagnose::{Budget, Job};
 use softrig_formats::terminal::{printable, remark};
 
 /// Exit code of an interrupted command, as shells give it: 128 and the number of SIGINT.
@@ -23,7 +23,7 @@ const LOGGED: Duration = Duration::from_secs(10);
 /// Work that is shown on stderr. After Ctrl-C it ends and reports the best so far.
 pub(crate) struct Watched {
     /// The progress of the work.
-    pub progress: Arc<Progress>,
+    pub job: Arc<Job>,
     /// None once the work is done. Locked while results are written, so that an
     /// interruption waits for whole files.
     display: Arc<Mutex<Option<Display>>>,
@@ -37,9 +37,9 @@ impl Watched {
         budget: Option<Budget>,
         begun: Instant,
     ) -> anyhow::Result<Self> {
-        let progress = Arc::new(Progress::within(budget).since(begun));
-        let display = Arc::new(Mutex::new(Some(Display::of(Arc::clone(&progress)))));
-        let (known, shown) = (Arc::clone(&progress), Arc::clone(&display));
+        let job = Arc::new(Job::within(budget).since(begun));
+        let display = Arc::new(Mutex::new(Some(Display::of(Arc::clone(&job)))));
+        let (known, shown) = (Arc::clone(&job), Arc::clone(&display));
         super::on_interrupt(move || {
             if let Some(display) = lock(&shown).take() {
                 display.close();
@@ -47,7 +47,7 @@ impl Watched {
             }
             std::process::exit(INTERRUPTED);
         })?;
-        Ok(Self { progress, display })
+        Ok(Self { job, display })
     }
 
     /// Ends the display. An interruption waits as long as the returned guard lives.
@@ -81,13 +81,13 @@ struct Display {
 }
 
 impl Display {
-    fn of(progress: Arc<Progress>) -> Self {
+    fn of(job: Arc<Job>) -> Self {
         let (close, closed) = channel();
         let thread = std::thread::spawn(move || {
             let spinner = spinner();
             let pause = if spinner.is_some() { DRAWN } else { LOGGED };
             while closed.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
-                let state = progress.state();
+                let state = job.state();
                 match &spinner {
                     Some(spinner) => {
                         spinner.set_position(per_mille(state.share));

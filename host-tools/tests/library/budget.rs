@@ -3,7 +3,7 @@
 use model_core::catalogue::Kind;
 use softrig::diagnose::budget::Ended;
 use softrig::diagnose::verdict::Answer;
-use softrig::diagnose::{Budget, Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Budget, Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
@@ -22,7 +22,7 @@ fn within(
     budget: Option<Budget>,
 ) -> (Diagnosis, String) {
     let request = Request::of(file, recordings);
-    let found = diagnose(&request, &Progress::within(budget)).unwrap();
+    let found = diagnose(&request, &Job::within(budget)).unwrap();
     let verdict = serde_json::to_string(&found.verdict(&request, 0.0)).unwrap();
     (found, verdict)
 }

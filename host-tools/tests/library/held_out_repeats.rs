@@ -5,7 +5,7 @@ use std::path::Path;
 
 use softrig::diagnose::validation::CrossValidator;
 use softrig::estimate::assemble::assemble;
-use softrig::estimate::fit::Fitter;
+use softrig::estimate::fitter::Fitter;
 use softrig::synth::example::{Hidden, make};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;

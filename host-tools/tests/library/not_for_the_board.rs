@@ -3,7 +3,7 @@
 use model_core::actuator::Model;
 use model_core::catalogue::Kind;
 use model_core::predictor;
-use softrig::diagnose::{Progress, Request, Upload, diagnose};
+use softrig::diagnose::{Job, Request, Upload, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_report::Outputs;
 use softrig_report::content::Content;
@@ -15,7 +15,7 @@ use super::steps;
 fn a_model_that_the_board_refuses_is_not_for_upload_and_the_reason_is_said() {
     let (file, recordings) = steps(Hidden::Effect(Kind::QuadraticDamping), 0.3, 4);
     let request = Request::of(&file, &recordings);
-    let mut diagnosis = diagnose(&request, &Progress::default()).unwrap();
+    let mut diagnosis = diagnose(&request, &Job::default()).unwrap();
     assert!(diagnosis.is_better(), "{:?}", diagnosis.held_out);
     assert_eq!(diagnosis.upload(&file), Upload::Worth);
     assert!(diagnosis.verdict(&request, 0.0).upload);

@@ -4,7 +4,7 @@ use model_core::catalogue::Kind::{self, CoulombFriction, Gravity, Leak, MaxwellB
 use model_core::effects::table::Variable;
 use softrig::diagnose::finding::{Explanation, Finding, NamedKind};
 use softrig::diagnose::verdict::Strength::{self, Explains, Part};
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::family::Family;
 use softrig_formats::numbers::degrees;
@@ -53,7 +53,7 @@ fn trace(strength: Strength) -> Finding {
 fn every_finding_is_a_sentence_that_a_person_would_say() {
     let (file, recordings) = steps(Hidden::Nothing, 0.3, 4);
     let request = Request::of(&file, &recordings);
-    let plain = diagnose(&request, &Progress::default()).unwrap();
+    let plain = diagnose(&request, &Job::default()).unwrap();
     let said = |finding: Finding| {
         sentence(&Diagnosis {
             finding,

@@ -1,7 +1,7 @@
 //! What is left and does not matter is said to be that, and only where somebody says so.
 
 use softrig::diagnose::finding::Finding;
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 
 use super::steps;
@@ -31,7 +31,7 @@ fn diagnosed(tolerance_deg: f64) -> Diagnosis {
         recording.meta.tolerance_deg = Some(tolerance_deg);
     }
     let request = Request::of(&file, &recordings);
-    diagnose(&request, &Progress::default()).unwrap()
+    diagnose(&request, &Job::default()).unwrap()
 }
 
 #[test]

@@ -11,7 +11,7 @@ use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
 use softrig::diagnose::plan::VERY_STRONG;
 use softrig::diagnose::verdict::Answer;
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::estimate::refit::refit;
 use softrig::synth::example::{Hidden, make};
 use softrig_formats::model_file::ModelFile;
@@ -176,7 +176,7 @@ fn said(recordings: Vec<Recording>, setup: &str) -> Vec<Recording> {
 
 fn diagnosis(file: &ModelFile, recordings: &[Recording]) -> Diagnosis {
     let request = Request::of(file, recordings);
-    diagnose(&request, &Progress::default()).unwrap()
+    diagnose(&request, &Job::default()).unwrap()
 }
 
 /// The model, the true dynamics and the weight of an example, and its steps.

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use library::diagnose::Progress;
+use library::diagnose::Job;
 use library::estimate::assemble::assemble;
 use library::first_model::from_recordings;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
@@ -40,9 +40,9 @@ pub fn residuals<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let [used, _] = inputs(py, &self::recordings(recordings)?, &[])?;
     let file = Arc::clone(&model.get().file);
-    let work = move |_: &Progress| Analysis::of(&file, &used);
-    let (progress, listener) = (Progress::default(), Listener::new(None));
-    let (analysis, warnings) = work::run(py, None, progress, listener, work)?.or_raise(py)?;
+    let work = move |_: &Job| Analysis::of(&file, &used);
+    let (job, listener) = (Job::default(), Listener::new(None));
+    let (analysis, warnings) = work::run(py, None, job, listener, work)?.or_raise(py)?;
     warn(py, warnings)?;
     said(py, &analysis)
 }
@@ -81,9 +81,9 @@ pub fn plan<'py>(
     let [used, _] = inputs(py, &given, &[])?;
     let limits = self::limits(limits).or_raise(py)?;
     let file = Arc::clone(&model.get().file);
-    let work = move |_: &Progress| Plan::between(&file, used, &between, None, limits, noise_deg);
-    let (progress, listener) = (Progress::default(), Listener::new(None));
-    let (plan, _) = work::run(py, None, progress, listener, work)?.or_raise(py)?;
+    let work = move |_: &Job| Plan::between(&file, used, &between, None, limits, noise_deg);
+    let (job, listener) = (Job::default(), Listener::new(None));
+    let (plan, _) = work::run(py, None, job, listener, work)?.or_raise(py)?;
     said(py, &plan)
 }
 
@@ -95,9 +95,9 @@ pub fn init(py: Python<'_>, recordings: &Bound<'_, PyAny>, name: &str) -> PyResu
     let assembled = assemble(&used, &[]).or_raise(py)?;
     warn(py, assembled.concerns.iter().map(ToString::to_string))?;
     let data = assembled.data;
-    let work = move |_: &Progress| from_recordings(&data, None);
-    let (progress, listener) = (Progress::default(), Listener::new(None));
-    let first = work::run(py, None, progress, listener, work)?.or_raise(py)?;
+    let work = move |_: &Job| from_recordings(&data, None);
+    let (job, listener) = (Job::default(), Listener::new(None));
+    let first = work::run(py, None, job, listener, work)?.or_raise(py)?;
     let nowhere: [PathBuf; 0] = [];
     let text = first.text(name, &nowhere, &Layout::default(), Path::new("model.toml"));
     let file = ModelFile::parse(&text, Path::new("model.toml")).or_raise(py)?;

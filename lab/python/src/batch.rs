@@ -4,7 +4,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use library::diagnose::Progress;
+use library::diagnose::Job;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -152,7 +152,7 @@ pub fn batch(
     };
     let clock = Instant::now();
     let folder = out.clone();
-    let work = move |progress: &Progress| -> Result<_, anyhow::Error> {
+    let work = move |job: &Job| -> Result<_, anyhow::Error> {
         let plan = Plan {
             out: &folder,
             settings: &settings,
@@ -164,12 +164,13 @@ pub fn batch(
         Ok((summary, columns(&rows)))
     };
     let listener = Listener::new(progress);
-    let (summary, columns) = work::run(py, threads, Progress::default(), listener, work)?.map_err(
-        |error| match error.downcast::<Fault>() {
-            Ok(fault) => raised(py, &fault),
-            Err(error) => PyRuntimeError::new_err(format!("{error:#}")),
-        },
-    )?;
+    let (summary, columns) =
+        work::run(py, threads, Job::default(), listener, work)?.map_err(|error| {
+            match error.downcast::<Fault>() {
+                Ok(fault) => raised(py, &fault),
+                Err(error) => PyRuntimeError::new_err(format!("{error:#}")),
+            }
+        })?;
     warn(py, summary.warning().into_iter().chain(summary.failure()))?;
     Ok(Batch {
         out,

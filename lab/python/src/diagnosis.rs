@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use library::diagnose::verdict::{Verdict, schema};
-use library::diagnose::{Budget, Diagnosis as Found, Progress, Request, diagnose_from};
+use library::diagnose::{Budget, Diagnosis as Found, Job, Request, diagnose_from};
 use library::estimate::checkpoint::Checkpoint;
 use library::estimate::placement::with_tip_load;
 use minijinja::value::Serde;
@@ -440,7 +440,7 @@ pub fn diagnose(
     let file = Arc::new(with_tip_load(ModelFile::clone(&given.file), &fitted));
     let as_fitted = Arc::clone(&file);
     let clock = Instant::now();
-    let work = move |progress: &Progress| {
+    let work = move |job: &Job| {
         let request = Request {
             file: &file,
             recordings: &fitted,
@@ -454,7 +454,7 @@ pub fn diagnose(
         Ok((Box::new(found), content, seconds, fitted, held_out, own))
     };
     let listener = Listener::new(progress);
-    let progress = Progress::within(budget);
+    let job = Job::within(budget);
     let (found, content, seconds, fitted, held_out, own) =
         work::run(py, threads, progress, listener, work)?.or_raise(py)?;
     let repaired = given.with(py, &found.model_text(&given.file))?;

@@ -3,7 +3,7 @@
 use std::num::NonZero;
 use std::sync::Arc;
 
-use library::diagnose::Progress;
+use library::diagnose::Job;
 use library::diagnose::verdict::Zeros;
 use library::estimate::fit as fits;
 use library::estimate::refit::{NOT_CONVERGED, Refit, refit};
@@ -291,9 +291,9 @@ pub fn fit(
     let [fitted, _] = inputs(py, &self::recordings(recordings)?, &[])?;
     let given = model.get();
     let file = Arc::clone(&given.file);
-    let work = move |_: &Progress| refit(&file, &fitted);
-    let (progress, listener) = (Progress::default(), Listener::new(None));
-    let refit = work::run(py, threads, progress, listener, work)?.or_raise(py)?;
+    let work = move |_: &Job| refit(&file, &fitted);
+    let (job, listener) = (Job::default(), Listener::new(None));
+    let refit = work::run(py, threads, job, listener, work)?.or_raise(py)?;
     let mut warnings: Vec<String> = refit.concerns.iter().map(ToString::to_string).collect();
     if !refit.fitted.converged {
         warnings.push(NOT_CONVERGED.to_owned());

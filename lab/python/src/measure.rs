@@ -2,7 +2,7 @@
 
 use library::board_gap::{BoardGap, PredictedRun, predicted_runs};
 use library::comparison::{Comparison, check_comparable};
-use library::diagnose::Progress;
+use library::diagnose::Job;
 use library::estimate::assemble::assemble;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -64,8 +64,8 @@ pub fn compare<'py>(
     warn(py, check_comparable(&files, &used).or_raise(py)?)?;
     let assembled = assemble(&used, &[]).or_raise(py)?;
     warn(py, assembled.concerns.iter().map(ToString::to_string))?;
-    let work = move |_: &Progress| Comparison::of(&files, &assembled.data, linear);
-    let found = work::run(py, None, Progress::default(), Listener::new(None), work)?;
+    let work = move |_: &Job| Comparison::of(&files, &assembled.data, linear);
+    let found = work::run(py, None, Job::default(), Listener::new(None), work)?;
     let rows = || {
         found.models.iter().flat_map(|model| {
             let errors = found.groups.iter().zip(&model.errors);

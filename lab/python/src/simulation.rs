@@ -1,7 +1,7 @@
 //! `softrig.simulate`.
 
 use library::comparison::check_comparable;
-use library::diagnose::Progress;
+use library::diagnose::Job;
 use library::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use library::statistics::rms;
 use pyo3::exceptions::PyTypeError;
@@ -155,8 +155,8 @@ pub fn simulate(
             ));
         }
     };
-    let (progress, listener) = (Progress::default(), Listener::new(None));
-    let (drive, angle) = work::run(py, None, progress, listener, move |_| {
+    let (job, listener) = (Job::default(), Listener::new(None));
+    let (drive, angle) = work::run(py, None, job, listener, move |_| {
         let model = if linear {
             drive.linear_rival(&file.model)
         } else {

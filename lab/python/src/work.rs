@@ -14,7 +14,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use library::diagnose::progress::{Progress, State};
+use library::diagnose::job::Job;
+use library::diagnose::progress::State;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -69,12 +70,12 @@ impl<'py> Listener<'py> {
 pub fn run<T: Send + 'static>(
     py: Python<'_>,
     threads: Option<NonZero<usize>>,
-    progress: Progress,
+    job: Job,
     mut listener: Listener<'_>,
-    work: impl FnOnce(&Progress) -> T + Send + 'static,
+    work: impl FnOnce(&Job) -> T + Send + 'static,
 ) -> PyResult<T> {
-    let progress = Arc::new(progress);
-    let reports = Arc::clone(&progress);
+    let job = Arc::new(job);
+    let reports = Arc::clone(&job);
     let failed = |error: &dyn std::fmt::Display| {
         PyRuntimeError::new_err(format!("no threads could be started: {error}"))
     };
@@ -95,11 +96,9 @@ pub fn run<T: Send + 'static>(
         let waiting = &mut result;
         let outcome = py.detach(move || waiting.recv_timeout(SIGNALS));
         // Before a result is looked at: it may have come while somebody pressed Ctrl-C.
-        let go_on = py
-            .check_signals()
-            .and_then(|()| listener.tell(progress.state()));
+        let go_on = py.check_signals().and_then(|()| listener.tell(job.state()));
         if let Err(interrupted) = go_on {
-            progress.stop();
+            job.allowance.stop();
             return Err(interrupted);
         }
         match outcome {

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use softrig::clock;
-use softrig::diagnose::Progress;
+use softrig::diagnose::Job;
 
 use crate::desk::{Desk, Request};
 
@@ -85,11 +85,11 @@ pub extern "C" fn answer() -> *const u8 {
 }
 
 /// A progress that the page hears of, and can end.
-fn watched() -> Progress {
+fn watched() -> Job {
     let last = Mutex::new((f64::NEG_INFINITY, String::new()));
-    Progress::default().watched_by(move |progress| {
+    Job::default().watched_by(move |job| {
         let now = now_ms();
-        let state = progress.state();
+        let state = job.state();
         let mut last = lock(&last);
         // A stage that is not said may last.
         if now < last.0 + EVERY_MS && state.stage == last.1 {
@@ -104,7 +104,7 @@ fn watched() -> Progress {
         })
         .to_string();
         if !go_on(text.as_ptr(), text.len()) {
-            progress.enough();
+            job.allowance.enough();
         }
     })
 }

@@ -7,7 +7,7 @@ use model_core::material::TABLE_I;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use softrig::clock::Instant;
-use softrig::diagnose::{Progress, Request as Asked, diagnose};
+use softrig::diagnose::{Job, Request as Asked, diagnose};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::placement::with_tip_load;
 use softrig::first_model::{Evidence, Geometry, from_nothing, from_recordings};
@@ -253,12 +253,7 @@ impl Desk {
     /// # Errors
     ///
     /// Faults of the files, with place and remedy, as the command names them.
-    pub fn answer(
-        &mut self,
-        request: Request,
-        bytes: Vec<u8>,
-        progress: &Progress,
-    ) -> Result<Value, Fault> {
+    pub fn answer(&mut self, request: Request, bytes: Vec<u8>, job: &Job) -> Result<Value, Fault> {
         softrig_importers::install();
         Ok(match request {
             Request::Choices => choices(),
@@ -288,7 +283,7 @@ impl Desk {
                 holdout,
                 tolerance_deg,
                 seed,
-            } => self.diagnose(&layout.layout()?, &holdout, tolerance_deg, seed, progress)?,
+            } => self.diagnose(&layout.layout()?, &holdout, tolerance_deg, seed, job)?,
             Request::Example { seed, effect } => example(seed, effect.as_deref())?,
         })
     }
@@ -506,7 +501,7 @@ impl Desk {
         holdout: &[String],
         tolerance_deg: Option<f64>,
         seed: u64,
-        progress: &Progress,
+        job: &Job,
     ) -> Result<Value, InputError> {
         let clock = Instant::now();
         let Everything {
@@ -529,7 +524,7 @@ impl Desk {
             own: own.as_ref(),
             seed,
         };
-        let diagnosis = diagnose(&request, progress)?;
+        let diagnosis = diagnose(&request, job)?;
         let seconds = clock.elapsed().as_secs_f64();
         let content = Content::of(&request, &diagnosis);
         let provenance = self.provenance(layout, holdout, tolerance_deg, seed);
@@ -663,13 +658,13 @@ mod tests {
 
     fn asked(desk: &mut Desk, question: &Value) -> Result<Value, Value> {
         let request = serde_json::from_value(question.clone()).unwrap();
-        desk.answer(request, Vec::new(), &Progress::default())
+        desk.answer(request, Vec::new(), &Job::default())
             .map_err(|fault| fault.to_json())
     }
 
     fn put(desk: &mut Desk, name: &str, text: &str) {
         let name = name.to_owned();
-        desk.answer(Request::Put { name }, text.into(), &Progress::default())
+        desk.answer(Request::Put { name }, text.into(), &Job::default())
             .unwrap();
     }
 
@@ -790,9 +785,9 @@ mod tests {
     #[test]
     fn a_diagnosis_that_is_stopped_says_what_it_is_as_far_as_it_was_tried() {
         let mut desk = with_example(&["model", "step30_1", "step60_1", "step90_1"]);
-        let progress = Progress::default().watched_by(|progress| {
-            if progress.state().fits > 0 {
-                progress.enough();
+        let job = Job::default().watched_by(|job| {
+            if job.state().fits > 0 {
+                job.allowance.enough();
             }
         });
         let question = json!({
@@ -800,7 +795,7 @@ mod tests {
             "holdout": ["step60_1.csv"], "tolerance_deg": 0.25, "seed": 7,
         });
         let request = serde_json::from_value(question).unwrap();
-        let answer = desk.answer(request, Vec::new(), &progress).unwrap();
+        let answer = desk.answer(request, Vec::new(), &job).unwrap();
         let verdict: Value = serde_json::from_str(answer["verdict"].as_str().unwrap()).unwrap();
         assert_eq!(verdict["ended"], "budget");
         assert_eq!(verdict["recordings"][2], "step60_1.csv");

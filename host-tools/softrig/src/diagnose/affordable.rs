@@ -14,7 +14,8 @@ use softrig_formats::recording::Recording;
 
 use crate::clock::Instant;
 use crate::estimate::Dataset;
-use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::fit::Effort;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::usable::{Concern, Matter};
 
 /// Simulations of all samples, with derivatives, that a diagnosis takes, in those of the model

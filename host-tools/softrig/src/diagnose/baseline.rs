@@ -8,14 +8,16 @@ use model_core::actuator::Model;
 use super::candidates::Candidate;
 use super::decide::Remains;
 use super::identifiability::{self, Identifiability, Refitted};
+use super::job::Job;
 use super::measure::excess;
 use super::noise::NoiseFloor;
 use super::policy::{Policy, Search};
 use super::progress::Stage;
+use super::request::Request;
 use super::validation::CrossValidator;
-use super::{Progress, Request};
 use crate::estimate::Dataset;
-use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::fit::{Effort, Fit};
+use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::{EXPONENTS, identify};
 use crate::estimate::usable::Concern;
 use crate::statistics::{correlation_time, rms, swing};
@@ -54,15 +56,15 @@ impl Baseline {
         request: &Request<'_>,
         data: &Dataset,
         floor: &NoiseFloor,
-        progress: &Progress,
+        job: &Job,
     ) -> Result<Self, InputError> {
-        progress.stage(Stage::Refit, 0);
+        job.progress.stage(Stage::Refit, 0);
         let nominal = &request.file.model;
         let fitter = Fitter::new(nominal, data);
         let supplied = fitter.compare(nominal);
         // A simulation that diverges misses by nothing that means anything.
         let misses = Some(supplied.rmse()).filter(|it| *it < FAR * data.largest_angle());
-        progress.knows(|known| known.supplied = misses);
+        job.progress.knows(|known| known.supplied = misses);
         let Refitted {
             refit,
             file,
@@ -77,7 +79,8 @@ impl Baseline {
                 )
                 .in_file(&request.file.path)
             })?;
-        progress.knows(|known| known.refit = Some(refit.fit.rmse()));
+        job.progress
+            .knows(|known| known.refit = Some(refit.fit.rmse()));
         let data = with_guesses(data, &refit.fit);
         let guessed = Fitter::new(nominal, &data);
         Ok(Self {

@@ -1,6 +1,6 @@
 //! Runs the fits of a search.
 //!
-//! The [`Executor`] alone knows the budget, whether the work was asked to stop, which fits an
+//! The [`Executor`] alone asks whether there is time, knows which fits an
 //! interrupted run has kept, and who counts. The search only hears why there is no result:
 //! the structure cannot be simulated, or it was not reached. A fit that is running when the
 //! time is up ends at its next step.
@@ -8,11 +8,11 @@
 use model_core::actuator::{Model, ParameterId};
 use rayon::prelude::*;
 
-use super::Progress;
 use super::budget::SearchPart;
-use super::progress::Counted;
+use super::job::{Counted, Job};
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::fit::{Effort, Fit};
+use crate::estimate::fitter::Fitter;
 
 /// Why a structure has no fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,22 +26,19 @@ pub enum Unfitted {
 /// Runs fits as long as there is time for them.
 #[derive(Clone, Copy, Debug)]
 pub struct Executor<'a> {
-    progress: &'a Progress,
+    job: &'a Job,
     checkpoint: &'a Checkpoint,
 }
 
 impl<'a> Executor<'a> {
-    /// An executor that reports to `progress`, has its budget, and keeps fits in `checkpoint`.
-    pub const fn new(progress: &'a Progress, checkpoint: &'a Checkpoint) -> Self {
-        Self {
-            progress,
-            checkpoint,
-        }
+    /// An executor that reports to `job`, has its allowance, and keeps fits in `checkpoint`.
+    pub const fn new(job: &'a Job, checkpoint: &'a Checkpoint) -> Self {
+        Self { job, checkpoint }
     }
 
-    /// What it reports to.
-    pub const fn progress(&self) -> &'a Progress {
-        self.progress
+    /// What it works for.
+    pub const fn job(&self) -> &'a Job {
+        self.job
     }
 
     /// Begins a job of one or more fits, which counts once the returned value is dropped.
@@ -51,7 +48,7 @@ impl<'a> Executor<'a> {
     /// [`Unfitted::NotReached`] if there is no time for it.
     pub fn begin(&self) -> Result<Counted<'a>, Unfitted> {
         self.check()?;
-        Ok(self.progress.fit())
+        Ok(self.job.fit())
     }
 
     /// Whether there is time for more.
@@ -60,7 +57,7 @@ impl<'a> Executor<'a> {
     ///
     /// [`Unfitted::NotReached`] if there is not.
     pub fn check(&self) -> Result<(), Unfitted> {
-        if self.progress.is_over() {
+        if self.job.is_over() {
             Err(Unfitted::NotReached)
         } else {
             Ok(())
@@ -70,7 +67,7 @@ impl<'a> Executor<'a> {
     /// The result of a part of the search, which is noted as not done where it was not reached.
     pub fn reached<T>(&self, part: SearchPart, result: Result<T, Unfitted>) -> Option<T> {
         if matches!(result, Err(Unfitted::NotReached)) {
-            self.progress.leave_out(part);
+            self.job.allowance.leave_out(part);
         }
         result.ok()
     }
@@ -87,7 +84,7 @@ impl<'a> Executor<'a> {
         free: &[ParameterId],
         effort: Effort,
     ) -> Result<Fit, Unfitted> {
-        let is_interrupted = || self.progress.is_interrupted();
+        let is_interrupted = || self.job.is_interrupted();
         fitter
             .fit_unless(start, free, effort, self.checkpoint, &is_interrupted)
             .ok_or(Unfitted::NotReached)
@@ -151,8 +148,8 @@ mod tests {
     fn without_a_budget_it_fits_as_the_fitter_does() {
         let (file, data) = example();
         let fitter = Fitter::new(&file.model, &data);
-        let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
-        let executor = Executor::new(&progress, &checkpoint);
+        let (job, checkpoint) = (Job::default(), Checkpoint::default());
+        let executor = Executor::new(&job, &checkpoint);
         let alone = fitter.fit(&file.model, &file.free, Effort::Full);
         let fit = executor
             .fit(&fitter, &file.model, &file.free, Effort::Full)
@@ -160,7 +157,7 @@ mod tests {
         assert_eq!(fit.model, alone.model);
         let cannot = executor.best_of(&fitter, &[], &file.free, Effort::Full);
         assert_eq!(cannot.unwrap_err(), Unfitted::Diverged);
-        assert_eq!(progress.ended(), None);
+        assert_eq!(job.allowance.ended(), None);
     }
 
     #[test]
@@ -169,20 +166,20 @@ mod tests {
         let fitter = Fitter::new(&file.model, &data);
         let checkpoint = Checkpoint::default();
         let part = SearchPart::Combinations;
-        let asked_to_stop = Progress::default();
-        asked_to_stop.stop();
-        let late = Progress::within(Some(Budget::Time(std::time::Duration::ZERO)));
-        for progress in [asked_to_stop, late] {
-            let executor = Executor::new(&progress, &checkpoint);
+        let asked_to_stop = Job::default();
+        asked_to_stop.allowance.stop();
+        let late = Job::within(Some(Budget::Time(std::time::Duration::ZERO)));
+        for job in [asked_to_stop, late] {
+            let executor = Executor::new(&job, &checkpoint);
             assert_eq!(executor.begin().err(), Some(Unfitted::NotReached));
             let fit = executor.fit(&fitter, &file.model, &file.free, Effort::Full);
             assert_eq!(executor.reached(part, fit.map(drop)), None);
-            assert!(progress.undone().contains(&part));
+            assert!(job.allowance.undone().contains(&part));
         }
-        let progress = Progress::default();
-        let executor = Executor::new(&progress, &checkpoint);
+        let job = Job::default();
+        let executor = Executor::new(&job, &checkpoint);
         assert_eq!(executor.reached::<()>(part, Err(Unfitted::Diverged)), None);
-        assert!(progress.undone().is_empty());
+        assert!(job.allowance.undone().is_empty());
     }
 
     /// Fits side by side do not interrupt each other where their number is the budget.
@@ -190,9 +187,9 @@ mod tests {
     fn a_budget_of_fits_lets_what_has_begun_end() {
         let (file, data) = example();
         let fitter = Fitter::new(&file.model, &data);
-        let progress = Progress::within(Some(Budget::Fits(1)));
+        let job = Job::within(Some(Budget::Fits(1)));
         let checkpoint = Checkpoint::default();
-        let executor = Executor::new(&progress, &checkpoint);
+        let executor = Executor::new(&job, &checkpoint);
         let first = executor.begin().unwrap();
         drop(executor.begin().unwrap());
         assert!(executor.check().is_err());

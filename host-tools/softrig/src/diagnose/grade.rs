@@ -79,9 +79,7 @@ impl Graded {
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
         rows.truncate(FINISHED);
         let executor = &context.executor;
-        executor
-            .progress()
-            .stage(Stage::FinalCombinations, rows.len());
+        executor.job().progress.stage(Stage::FinalCombinations, rows.len());
         rows.par_iter()
             .filter_map(|(_, row)| {
                 let fit = row.estimate.fits.last()?.clone();
@@ -105,11 +103,11 @@ pub fn grade(
     coarse: &[Candidate],
 ) -> Option<Graded> {
     let executor = &context.executor;
-    let progress = executor.progress();
+    let job = executor.job();
     let policy = &Policy::STANDARD;
     let noise = floor.total();
     let levels = Levels::of(*context, refit, noise);
-    progress.stage(Stage::Horizons, 0);
+    job.progress.stage(Stage::Horizons, 0);
     let base = executor.reached(SearchPart::Horizons, levels.base(refit))?;
     let in_turn = validator
         .in_turn()
@@ -121,7 +119,7 @@ pub fn grade(
         noise,
         policy,
     };
-    progress.step("validation", base.fits.len());
+    job.progress.step("validation", base.fits.len());
     let baseline = measuring.baseline(base.clone());
     let baseline = executor.reached(SearchPart::Horizons, baseline)?;
     let screened = vec![0, levels.output_error().saturating_sub(1)];
@@ -132,21 +130,21 @@ pub fn grade(
         kinds,
         measured: Vec::new(),
     };
-    progress.stage(Stage::Effects, 0);
+    job.progress.stage(Stage::Effects, 0);
     let nothing = Base {
         estimate: &base,
         at: screened,
         beside: Guesses::default(),
     };
     search.extend(&[nothing], coarse);
-    if !search.leaves_noise(1, noise) && progress.may_begin(SearchPart::Combinations) {
-        progress.stage(Stage::Combinations, 0);
+    if !search.leaves_noise(1, noise) && job.may_begin(SearchPart::Combinations) {
+        job.progress.stage(Stage::Combinations, 0);
         let leads = search.leads(1);
         let leads: Vec<Base<'_>> = leads
             .iter()
             .map(|(estimate, at)| levels.lead(estimate, at.clone(), kinds))
             .collect();
-        progress.step("pair screening", JOINED);
+        job.progress.step("pair screening", JOINED);
         let joined: Vec<Candidate> = pairs::ranked(context, refit, kinds)
             .par_iter()
             .take(JOINED)

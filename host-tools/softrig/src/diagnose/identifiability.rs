@@ -11,7 +11,8 @@
 use model_core::actuator::ParameterId;
 
 use super::candidates::Candidate;
-use crate::estimate::fit::{Effort, Fit, Fitter, UnidentifiableDirection};
+use crate::estimate::fit::{Effort, Fit, UnidentifiableDirection};
+use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::{EXPONENTS, Order, identify};
 use crate::estimate::usable::Concern;
 use softrig_formats::model_file::{ModelFile, parameter_name};

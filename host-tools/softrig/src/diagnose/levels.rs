@@ -19,7 +19,8 @@ use super::candidates::{Candidate, FitContext, free_parameters, in_best_shape, s
 use super::executor::{Executor, Unfitted};
 use super::score::Guesses;
 use crate::estimate::filter::{Level, Pace, levels};
-use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::fit::{Effort, Fit};
+use crate::estimate::fitter::Fitter;
 
 /// Number of structures per screened level that are fitted at all levels.
 const KEPT: usize = 5;
@@ -145,7 +146,10 @@ impl<'a> Levels<'a> {
     pub fn base(&self, refit: &Candidate) -> Result<Estimate, Unfitted> {
         let free = &self.context.file.free;
         let mut fits: Vec<Fit> = Vec::new();
-        self.executor().progress().step("fits", self.horizons.len());
+        self.executor()
+            .job()
+            .progress
+            .step("fits", self.horizons.len());
         for level in 0..self.horizons.len() {
             let _job = self.executor().begin()?;
             let mut starts = vec![self.context.file.model, refit.fit.model];
@@ -186,7 +190,10 @@ impl<'a> Levels<'a> {
             })
             .filter(|task| !known.contains(&task.set()))
             .collect();
-        self.executor().progress().step("screening", tasks.len());
+        self.executor()
+            .job()
+            .progress
+            .step("screening", tasks.len());
         let screened: Vec<(&Task<'b>, f64, Model<f64>)> = tasks
             .par_iter()
             .filter_map(|task| {
@@ -221,7 +228,7 @@ impl<'a> Levels<'a> {
         }
         let chosen = shortlist.chosen;
         let fits = chosen.len() * self.horizons.len();
-        self.executor().progress().step("fits", fits);
+        self.executor().job().progress.step("fits", fits);
         chosen
             .par_iter()
             .filter(|it| !known.contains(&sorted(&it.added)))

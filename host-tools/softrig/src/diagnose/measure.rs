@@ -14,10 +14,12 @@ use super::discrepancy;
 use super::executor::Unfitted;
 use super::levels::{Estimate, Levels};
 use super::policy::{Policy, Search};
+use super::progress::Best;
 use super::validation::{CrossValidator, Errors, at_horizons};
 use super::verdict::Closure;
 use crate::estimate::filter::Pace;
-use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::fit::Fit;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::horizon::block_errors;
 
 /// A structure as fitted, and how it does.
@@ -62,6 +64,19 @@ pub struct Measured {
     pub closure: Closure,
     /// The final fit at that level.
     pub row: MeasuredStructure,
+}
+
+impl Measured {
+    /// As it is shown while the search goes on, beside the RMS error (rad) of the refit on held-out
+    /// segments.
+    fn so_far(&self, refit: f64) -> Best {
+        Best {
+            kinds: self.estimate.set(),
+            leaves: self.row.held_out.full,
+            of: Some(refit),
+            explains: Some(self.closure.overall),
+        }
+    }
 }
 
 /// The nominal structure, with which others are compared.
@@ -150,8 +165,8 @@ impl MeasureContext<'_> {
         /// Number of each.
         const MEASURED: usize = 5;
         let executor = self.levels.executor();
-        let progress = executor.progress();
-        progress.step("evidence", 0);
+        let job = executor.job();
+        job.progress.step("evidence", 0);
         let mut coarse: Vec<CoarseMeasure> = estimates
             .into_par_iter()
             .filter_map(|estimate| {
@@ -170,14 +185,14 @@ impl MeasureContext<'_> {
         others.truncate(MEASURED);
         others.retain(|row| row.leaves <= Search::STANDARD.worth_measuring * ahead);
         coarse.extend(others);
-        progress.step("validation", coarse.len());
+        job.progress.step("validation", coarse.len());
         coarse
             .into_par_iter()
             .filter_map(|coarse| {
                 let part = SearchPart::of(&coarse.estimate.added);
                 executor.reached(part, self.measured(baseline, coarse))
             })
-            .inspect(|row| progress.measured(row, baseline.held_out[2]))
+            .inspect(|row| job.progress.offer(row.so_far(baseline.held_out[2])))
             .collect()
     }
 

@@ -21,6 +21,7 @@
 //! A false name is worse than "cannot tell".
 
 pub(crate) mod affordable;
+pub mod allowance;
 pub(crate) mod baseline;
 pub mod budget;
 pub mod candidates;
@@ -32,6 +33,7 @@ pub mod executor;
 pub mod finding;
 pub(crate) mod grade;
 pub mod identifiability;
+pub mod job;
 pub(crate) mod levels;
 pub mod localise;
 pub mod measure;
@@ -42,6 +44,8 @@ pub mod plan;
 pub mod policy;
 pub mod progress;
 pub(crate) mod quality;
+pub mod request;
+pub(crate) mod scales;
 pub mod score;
 pub(crate) mod search;
 pub mod selection;
@@ -61,7 +65,8 @@ use model_core::catalogue::Kind;
 use crate::estimate::Dataset;
 use crate::estimate::assemble::as_read;
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::{Fit, Fitter};
+use crate::estimate::fit::Fit;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::far_zeros;
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Matter;
@@ -74,12 +79,13 @@ use candidates::{Candidate, Untried};
 use decide::{Evidence, Remains, decide};
 use finding::{Explanation, Finding, names};
 use identifiability::Identifiability;
+pub use job::Job;
 use localise::{Gap, localise};
 use noise::NoiseFloor;
 use plan::{Limits, Proposal};
-pub use progress::Progress;
 use progress::Stage;
 use quality::Concern;
+pub use request::Request;
 use search::{Options, Searched, search};
 use selection::FittedStructure;
 use softrig_formats::error::InputError;
@@ -87,7 +93,6 @@ use softrig_formats::family;
 use softrig_formats::left_out::LeftOut;
 use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::numbers::tidy;
-use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
 use softrig_formats::settings_file::from_model;
 use validation::HeldOut;
@@ -98,40 +103,6 @@ use verdict::{
 
 /// Number of proposals for the next experiment.
 const PROPOSALS: usize = 3;
-
-/// A diagnosis to make.
-#[derive(Clone, Copy, Debug)]
-pub struct Request<'a> {
-    /// The nominal model.
-    pub file: &'a ModelFile,
-    /// Recordings to fit.
-    pub recordings: &'a [Recording],
-    /// Validation recordings; if empty, segments are left out in turn.
-    pub holdout: &'a [Recording],
-    /// Effects with the user's own formulas, tried beside the catalogue.
-    pub own: Option<&'a OwnEffects>,
-    /// Random seed.
-    pub seed: u64,
-}
-
-impl<'a> Request<'a> {
-    /// As the command asks without options: segments are left out in turn, the effects are those
-    /// of the catalogue, and the seed is 1.
-    pub const fn of(file: &'a ModelFile, recordings: &'a [Recording]) -> Self {
-        Self {
-            file,
-            recordings,
-            holdout: &[],
-            own: None,
-            seed: 1,
-        }
-    }
-
-    /// The user's own effects.
-    pub fn own_kinds(&self) -> &'a [Kind] {
-        self.own.map_or(&[], |own| &own.kinds)
-    }
-}
 
 /// The result of a diagnosis.
 #[derive(Clone, Debug)]
@@ -189,8 +160,8 @@ pub struct Diagnosis {
 ///
 /// Refuses a single recording without others for validation, unusable recordings, and a
 /// model that cannot be simulated.
-pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis, InputError> {
-    diagnose_from(request, &Checkpoint::default(), progress)
+pub fn diagnose(request: &Request<'_>, job: &Job) -> Result<Diagnosis, InputError> {
+    diagnose_from(request, &Checkpoint::default(), job)
 }
 
 /// Like [`diagnose`], with the kept fits of an interrupted run.
@@ -201,13 +172,13 @@ pub fn diagnose(request: &Request<'_>, progress: &Progress) -> Result<Diagnosis,
 pub fn diagnose_from(
     request: &Request<'_>,
     checkpoint: &Checkpoint,
-    progress: &Progress,
+    job: &Job,
 ) -> Result<Diagnosis, InputError> {
     let files = [request.recordings, request.holdout];
     let mut too_many = Vec::new();
-    let [fitted, held_out] = match progress.time() {
+    let [fitted, held_out] = match job.allowance.time() {
         Some(time) => {
-            progress.stage(Stage::Affordable, 0);
+            job.progress.stage(Stage::Affordable, 0);
             let (model, free) = (&request.file.model, request.file.free.as_slice());
             let samples = affordable(model, free, request.recordings, time);
             files.map(|recordings| {
@@ -234,18 +205,19 @@ pub fn diagnose_from(
     refuse_implausible(request.file, &assembled.data)?;
     assembled = assembled.from_rest(used.recordings);
     assembled.data = assembled.data.knowing(&request.file.within);
-    let mut pass = Pass::with_zeros(&used, &assembled.data, checkpoint, progress)?;
+    let mut pass = Pass::with_zeros(&used, &assembled.data, checkpoint, job)?;
     let mut odd_concern = None;
     let mut left_out = None;
     if let Some(outlier) = pass.outlier() {
-        if progress.may_begin(SearchPart::WithoutOutlier) {
-            progress.again("once more, without the recording that does not belong");
+        if job.may_begin(SearchPart::WithoutOutlier) {
+            job.progress
+                .again("once more, without the recording that does not belong");
             let others = assembled.data.dropping(outlier.index);
             let path = assembled.data.fitted().nth(outlier.index);
             let path = path.map(|segment| segment.recording.path.clone());
             let mut files = request.recordings.iter();
             left_out = path.and_then(|path| files.position(|file| file.path == path));
-            pass = Pass::with_zeros(&used, &others, checkpoint, progress)?;
+            pass = Pass::with_zeros(&used, &others, checkpoint, job)?;
             odd_concern = Some(outlier.concern);
         } else {
             odd_concern = Some(outlier.kept);
@@ -259,7 +231,7 @@ pub fn diagnose_from(
     Ok(Diagnosis {
         left_out,
         not_used: assembled.left_out,
-        ..pass.diagnosis(&used, concerns.collect(), progress)
+        ..pass.diagnosis(&used, concerns.collect(), job)
     })
 }
 
@@ -277,25 +249,25 @@ impl Pass {
         request: &Request<'_>,
         data: &Dataset,
         checkpoint: &Checkpoint,
-        progress: &Progress,
+        job: &Job,
     ) -> Result<Self, InputError> {
-        let estimated = Self::of(request, data, checkpoint, progress)?;
+        let estimated = Self::of(request, data, checkpoint, job)?;
         let baseline = &estimated.searched.baseline;
         // The best of so many effects, by as much as is very strong evidence for one.
         let choices = (Kind::NAMES.len() + request.own_kinds().len()) as f64;
         let effect = policy::Search::STANDARD.effect_evidence + 2.0 * libm::log(choices);
         if estimated.searched.remains == Remains::More
             || cost_of_zeros(&baseline.data, &baseline.refit.fit) < effect
-            || !progress.may_begin(SearchPart::Calibrated)
+            || !job.may_begin(SearchPart::Calibrated)
         {
             return Ok(estimated);
         }
-        progress.again("once more, with zeros as calibrated");
-        let calibrated = Self::of(request, &data.calibrated(), checkpoint, progress)?;
+        job.progress.again("once more, with zeros as calibrated");
+        let calibrated = Self::of(request, &data.calibrated(), checkpoint, job)?;
         // Not if it is open only because the time was up.
         let ranking = &calibrated.searched.found.ranking;
         let explains =
-            !ranking.rivals.is_empty() && (ranking.is_firm || progress.ended().is_none());
+            !ranking.rivals.is_empty() && (ranking.is_firm || job.allowance.ended().is_none());
         Ok(if explains { calibrated } else { estimated })
     }
 
@@ -303,14 +275,14 @@ impl Pass {
         request: &Request<'_>,
         data: &Dataset,
         checkpoint: &Checkpoint,
-        progress: &Progress,
+        job: &Job,
     ) -> Result<Self, InputError> {
-        progress.stage(Stage::Quality, 0);
+        job.progress.stage(Stage::Quality, 0);
         let (floor, mut concerns) = examined(data)?;
-        let baseline = Baseline::of(request, data, &floor, progress)?;
+        let baseline = Baseline::of(request, data, &floor, job)?;
         let options = Options {
             checkpoint,
-            progress,
+            job,
             seed: request.seed,
             own: request.own_kinds(),
         };
@@ -334,7 +306,7 @@ impl Pass {
     }
 
     /// The answer.
-    fn answer(&self, progress: &Progress) -> Finding {
+    fn answer(&self, job: &Job) -> Finding {
         let policy = &policy::Policy::STANDARD;
         let Searched {
             remains,
@@ -350,19 +322,14 @@ impl Pass {
             ranking: &found.ranking,
             beside: found.beside,
             repaired: &found.repaired.added,
-            undone: &progress.undone(),
+            undone: &job.allowance.undone(),
         };
         decide(&evidence, policy)
     }
 
     /// The answer, and all that is told with it; the concerns about the files come first.
-    fn diagnosis(
-        self,
-        request: &Request<'_>,
-        about_files: Vec<Concern>,
-        progress: &Progress,
-    ) -> Diagnosis {
-        let finding = self.answer(progress);
+    fn diagnosis(self, request: &Request<'_>, about_files: Vec<Concern>, job: &Job) -> Diagnosis {
+        let finding = self.answer(job);
         let Self { searched, concerns } = self;
         let Searched {
             found,
@@ -390,9 +357,9 @@ impl Pass {
         let validator = baseline.validator(&fitter);
         let repaired = &found.repaired;
         let localised = |fit: &Fit| localise(&fit.model, data, &fit.nuisances, floor.white);
-        progress.stage(Stage::Gap, 0);
+        job.progress.stage(Stage::Gap, 0);
         let gap = localised(&refit.fit);
-        progress.stage(Stage::Board, 0);
+        job.progress.stage(Stage::Board, 0);
         let held_out = validator.errors(refit, repaired);
         let is_adequate = floor.is_all_that_remains(&repaired.fit);
         let adds = !repaired.added.is_empty();
@@ -402,7 +369,7 @@ impl Pass {
             exact_form: is_adequate && held_out.at_noise(),
         };
         // What the answer stands on is said first.
-        let setups = turns::contradictions(file, data, refit, floor.rms, progress);
+        let setups = turns::contradictions(file, data, refit, floor.rms, job);
         let concerns = about_files
             .into_iter()
             .chain(setups)
@@ -410,13 +377,13 @@ impl Pass {
             .chain(quality::slow_effects(repaired, data))
             .chain(far_zeros(&repaired.fit, data))
             .collect();
-        let proposals = if rivals.len() > 1 && progress.may_begin(SearchPart::Experiment) {
+        let proposals = if rivals.len() > 1 && job.may_begin(SearchPart::Experiment) {
             let sensor = Limits::default().of_rig(request.recordings);
             propose(&file.model, &rivals, floor, &sensor)
         } else {
             Vec::new()
         };
-        let ended = progress.ended();
+        let ended = job.allowance.ended();
         untried.extend(out_of_time(ended.as_ref(), &repaired.added));
         Diagnosis {
             concerns,

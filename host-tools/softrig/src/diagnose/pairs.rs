@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::estimate::Nuisance;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fitter::Fitter;
 use crate::portable::product;
 
 use super::candidates::{Candidate, FitContext, Predicted, free_parameters, starts_from};
@@ -228,9 +228,9 @@ fn both(base: &Candidate, a: &Direction, b: &Direction) -> Option<Model<f64>> {
 mod tests {
     use std::path::Path;
 
-    use super::super::Progress;
-    use super::super::candidates::Scales;
     use super::super::executor::Executor;
+    use super::super::job::Job;
+    use super::super::scales::Scales;
     use super::*;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -285,7 +285,7 @@ mod tests {
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
         let base = Candidate::of(0, fitter.fit(&file.model, &file.free, Effort::Full));
-        let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
+        let (job, checkpoint) = (Job::default(), Checkpoint::default());
         let context = FitContext {
             file: &file,
             fitter: &fitter,
@@ -293,7 +293,7 @@ mod tests {
             subsample: &fitter,
             scales: &Scales::of(&fitter, &base.fit),
             guesses: &Guesses::default(),
-            executor: Executor::new(&progress, &checkpoint),
+            executor: Executor::new(&job, &checkpoint),
         };
         let kinds = [
             Kind::CoulombFriction,

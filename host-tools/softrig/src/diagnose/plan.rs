@@ -35,7 +35,7 @@ use wire::protocol::{ControlMode, Named, Segment, total_ms};
 
 use super::candidates::Candidate;
 use super::policy::Policy;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::nuisance::Prior;
 use crate::estimate::placement::Placement;
 use crate::estimate::{Dataset, Nuisance, Session};

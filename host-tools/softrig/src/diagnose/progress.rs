@@ -1,53 +1,27 @@
-//! Progress of a diagnosis.
+//! How far a diagnosis is, for whoever waits for it.
 //!
-//! A [`Progress`] only counts; a caller who shows nothing passes `&Progress::default()`. The
+//! A [`Progress`] only reports: nothing asks it whether to go on. The
 //! number of further fits is known for the present step only, because the outcome of single
 //! effects decides whether combinations are tried; how much of the whole is done is said by what
-//! each [`Stage`] usually takes. With a [`Budget`], it also tracks when that is spent and which parts
-//! were not done.
-//!
-//! A diagnosis can be asked to stop by [`Progress::stop`], which throws its answer away, or by
-//! [`Progress::enough`], which keeps it: to the search ([`super::executor`]) both are a budget that
-//! has been spent.
+//! each [`Stage`] usually takes.
 
-use std::collections::BTreeSet;
 use std::fmt;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use model_core::catalogue::Kind;
 
-use super::budget::{Budget, Ended, SearchPart};
-use super::candidates::Candidate;
 use super::finding::names;
-use super::measure::Measured;
 use super::policy::Policy;
 use crate::clock::Instant;
 use softrig_formats::family::{of_all, title};
 use softrig_formats::numbers::duration;
 use softrig_formats::numbers::{degrees, percent};
 
-/// Counts the work of a diagnosis, or the cases of a batch of them. Any thread may report.
+/// Reports on the work of a diagnosis, or on the cases of a batch of them. Any thread may report.
 #[derive(Debug)]
 pub struct Progress {
-    started: Instant,
-    budget: Option<Budget>,
     now: Mutex<Now>,
-    /// Shared with the diagnoses of a batch.
-    stop: Arc<AtomicBool>,
-    /// The time after which it was enough.
-    enough: OnceLock<Duration>,
-    watcher: Option<Watcher>,
-}
-
-/// What is told that the work goes on.
-struct Watcher(Box<dyn Fn(&Progress) + Send + Sync>);
-
-impl fmt::Debug for Watcher {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Watcher")
-    }
 }
 
 /// What a progress counts.
@@ -154,11 +128,8 @@ struct Now {
     since: Instant,
     planned: usize,
     done: usize,
-    fits: usize,
     known: Known,
     best: Option<Best>,
-    /// The parts that were not done.
-    undone: BTreeSet<SearchPart>,
 }
 
 /// What is known before a fit explains anything.
@@ -179,7 +150,7 @@ pub struct Best {
     pub kinds: Vec<Kind>,
     /// Its RMS error (rad).
     pub leaves: f64,
-    /// RMS error of the refit (rad), if known.
+    /// RMS error of the refit (rad) there, if known; of fitted segments it is what is known.
     pub of: Option<f64>,
     /// Share of the error that it explains on held-out segments; none before its validation.
     pub explains: Option<f64>,
@@ -213,10 +184,7 @@ pub struct State {
 
 impl Default for Progress {
     fn default() -> Self {
-        let started = Instant::now();
         Self {
-            started,
-            budget: None,
             now: Mutex::new(Now {
                 counts: Counts::Fits,
                 again: "",
@@ -224,125 +192,17 @@ impl Default for Progress {
                 stage: Stage::Reading,
                 step: "",
                 done_before: 0.0,
-                since: started,
+                since: Instant::now(),
                 planned: 0,
                 done: 0,
-                fits: 0,
                 known: Known::default(),
                 best: None,
-                undone: BTreeSet::new(),
             }),
-            stop: Arc::default(),
-            enough: OnceLock::new(),
-            watcher: None,
         }
     }
 }
 
 impl Progress {
-    /// The progress of a search with this budget, from now on; without limit if none.
-    pub fn within(budget: Option<Budget>) -> Self {
-        Self {
-            budget,
-            ..Self::default()
-        }
-    }
-
-    /// The progress of one diagnosis of this batch: if the batch is stopped, so is the diagnosis.
-    pub fn of_a_case(&self, budget: Option<Budget>) -> Self {
-        Self {
-            stop: Arc::clone(&self.stop),
-            ..Self::within(budget)
-        }
-    }
-
-    /// The same for work that has begun before.
-    pub fn since(self, started: Instant) -> Self {
-        Self { started, ..self }
-    }
-
-    /// Tells `watcher` whenever the work asks whether to go on, many times a second: where there
-    /// is one thread only, nothing else can look at the progress or end the work.
-    pub fn watched_by(self, watcher: impl Fn(&Self) + Send + Sync + 'static) -> Self {
-        Self {
-            watcher: Some(Watcher(Box::new(watcher))),
-            ..self
-        }
-    }
-
-    /// Whether a part of the search may still begin. If not, it is noted as not done.
-    pub fn may_begin(&self, part: SearchPart) -> bool {
-        let may_begin = !self.is_over();
-        if !may_begin {
-            self.leave_out(part);
-        }
-        may_begin
-    }
-
-    /// Notes a part of the search as not done.
-    pub fn leave_out(&self, part: SearchPart) {
-        self.now().undone.insert(part);
-    }
-
-    /// Whether nothing may begin any more: the budget is spent, or the work was asked to stop.
-    pub fn is_over(&self) -> bool {
-        match self.budget {
-            Some(Budget::Fits(fits)) if self.now().fits >= fits => true,
-            _ => self.is_interrupted(),
-        }
-    }
-
-    /// Whether work under way is to end: the time is up, or it was asked to stop. A budget of
-    /// fits lets those that have begun end.
-    pub fn is_interrupted(&self) -> bool {
-        if let Some(Watcher(watcher)) = &self.watcher {
-            watcher(self);
-        }
-        let is_late = self
-            .time()
-            .is_some_and(|time| self.started.elapsed() >= time);
-        is_late || self.enough.get().is_some() || self.is_stopped()
-    }
-
-    /// Whether the work was asked to stop, so that nobody waits for its answer.
-    pub fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
-    }
-
-    /// The time of the budget, if it is one.
-    pub fn time(&self) -> Option<Duration> {
-        match self.budget? {
-            Budget::Time(time) => Some(time),
-            Budget::Fits(_) => None,
-        }
-    }
-
-    /// The parts that were not done.
-    pub fn undone(&self) -> BTreeSet<SearchPart> {
-        self.now().undone.clone()
-    }
-
-    /// The parts that were not done, if the budget has ended the search.
-    pub fn ended(&self) -> Option<Ended> {
-        let undone = self.undone();
-        let enough = self.enough.get().copied().map(Budget::Time);
-        let budget = enough.or(self.budget).filter(|_| !undone.is_empty())?;
-        Some(Ended { budget, undone })
-    }
-
-    /// Asks the work to stop: it ends soon, with an answer that nobody waits for.
-    pub fn stop(&self) {
-        self.stop.store(true, Ordering::Relaxed);
-    }
-
-    /// Ends the search now, as a budget of the time until now does: with a verdict on what was
-    /// tried.
-    pub fn enough(&self) {
-        // In whole seconds, as somebody would give it.
-        let whole = self.started.elapsed().as_secs().max(1);
-        let _ = self.enough.set(Duration::from_secs(whole));
-    }
-
     /// Announces a stage of `planned` fits; 0 if unknown.
     pub fn stage(&self, stage: Stage, planned: usize) {
         let mut now = self.now();
@@ -350,14 +210,6 @@ impl Progress {
         now.begin("", planned);
         now.done_before = now.done_before.max(ended);
         now.stage = stage;
-        drop(now);
-        self.tell();
-    }
-
-    fn tell(&self) {
-        if let Some(Watcher(watcher)) = &self.watcher {
-            watcher(self);
-        }
     }
 
     /// Announces a step of the stage, of `planned` fits.
@@ -395,38 +247,19 @@ impl Progress {
     /// Notes what is known before a fit explains anything.
     pub fn knows(&self, note: impl FnOnce(&mut Known)) {
         note(&mut self.now().known);
-        self.tell();
     }
 
-    /// Counts a fit once the returned value is dropped, also if the fit fails.
-    pub fn fit(&self) -> Counted<'_> {
-        Counted(self)
+    /// Counts a fit of the present step.
+    pub fn count(&self) {
+        self.now().done += 1;
     }
 
-    /// Offers a fit as the best so far.
-    pub fn fitted(&self, candidate: &Candidate) {
-        let mut now = self.now();
-        let best = Best {
-            kinds: candidate.set(),
-            leaves: candidate.fit.rmse(),
-            of: now.known.refit,
-            explains: None,
-        };
-        now.offer(best);
+    /// Offers an explanation as the best so far.
+    pub fn offer(&self, best: Best) {
+        self.now().offer(best);
     }
 
-    /// Offers a measured structure as the best so far, with the RMS error (rad) of the refit
-    /// on held-out segments.
-    pub fn measured(&self, row: &Measured, refit: f64) {
-        self.now().offer(Best {
-            kinds: row.estimate.set(),
-            leaves: row.row.held_out.full,
-            of: Some(refit),
-            explains: Some(row.closure.overall),
-        });
-    }
-
-    /// A snapshot of the progress.
+    /// A snapshot, without time and fits since the beginning.
     pub fn state(&self) -> State {
         let now = self.now();
         let mut stage = String::new();
@@ -445,8 +278,8 @@ impl Progress {
             stage,
             done: now.done,
             planned: now.planned,
-            fits: now.fits,
-            elapsed: self.started.elapsed(),
+            fits: 0,
+            elapsed: Duration::ZERO,
             in_step: now.since.elapsed(),
             share: now.share(),
             known: now.known,
@@ -479,24 +312,12 @@ impl Now {
         self.done_before + step * done.min(1.0) * left
     }
 
-    fn offer(&mut self, best: Best) {
+    fn offer(&mut self, mut best: Best) {
+        best.of = best.of.or(self.known.refit);
         let helps = best.leaves < best.of.unwrap_or(f64::INFINITY);
         if helps && self.best.as_ref().is_none_or(|before| best.beats(before)) {
             self.best = Some(best);
         }
-    }
-}
-
-/// A running fit, which counts as finished once this is dropped.
-#[derive(Debug)]
-#[must_use = "the fit counts as finished once this is dropped"]
-pub struct Counted<'a>(&'a Progress);
-
-impl Drop for Counted<'_> {
-    fn drop(&mut self) {
-        let mut now = self.0.now();
-        now.done += 1;
-        now.fits += 1;
     }
 }
 
@@ -636,31 +457,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn fits_count_for_their_step_and_for_all() {
-        let progress = Progress::default();
-        progress.stage(Stage::Effects, 2);
-        drop(progress.fit());
-        let unfinished = progress.fit();
-        let counts = |state: &State| (state.done, state.planned, state.fits);
-        assert_eq!(counts(&progress.state()), (1, 2, 1));
-        drop(unfinished);
-        progress.step("screening", 100);
-        std::thread::scope(|scope| {
-            for _ in 0..4 {
-                scope.spawn(|| (0..20).for_each(|_| drop(progress.fit())));
-            }
-        });
-        let state = progress.state();
-        assert_eq!(counts(&state), (80, 100, 82));
-        assert_eq!(state.stage, "single effects at several horizons: screening");
-        progress.again("once more");
-        progress.stage(Stage::Quality, 0);
-        let state = progress.state();
-        assert_eq!(counts(&state), (0, 0, 82));
-        assert_eq!(state.stage, "once more: quality of the recordings");
-    }
-
     /// Whatever stages come, in whatever steps, the bar goes on and ends at the whole; and once
     /// more is from the beginning.
     #[test]
@@ -701,7 +497,7 @@ mod tests {
                 for step in ["", "fits", "validation"] {
                     progress.step(step, 2);
                     for _ in 0..3 {
-                        drop(progress.fit());
+                        progress.count();
                         goes_on(&progress);
                     }
                 }
@@ -717,73 +513,11 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_counts_its_cases_and_stops_their_diagnoses() {
-        let batch = Progress::default();
-        batch.cases(3);
-        let case = batch.of_a_case(None);
-        drop(case.fit());
-        batch.case("a  no_discrepancy".into());
-        let said = batch.state().to_string();
-        assert!(
-            said.starts_with("a  no_discrepancy; 1 of 3 cases, ") && said.ends_with(" so far"),
-            "{said}"
-        );
-        assert!(!case.is_over());
-        batch.stop();
-        assert!(case.is_over() && case.is_stopped());
-    }
-
-    #[test]
-    fn work_that_is_asked_to_stop_is_over() {
-        let progress = Progress::default();
-        assert!(!progress.is_over());
-        progress.stop();
-        assert!(progress.is_interrupted() && !progress.may_begin(SearchPart::Table));
-    }
-
-    /// With one thread, whoever is told of the progress is all who can end the work.
-    #[test]
-    fn whoever_watches_can_end_the_search_as_a_budget_does() {
-        let progress = Progress::default().watched_by(|progress| {
-            if progress.state().fits > 1 {
-                progress.enough();
-            }
-        });
-        drop(progress.fit());
-        assert!(progress.may_begin(SearchPart::Table));
-        drop(progress.fit());
-        assert!(!progress.may_begin(SearchPart::Table));
-        let ended = progress.ended().unwrap();
-        assert_eq!(ended.budget, Budget::Time(Duration::from_secs(1)));
-        assert!(ended.lacks(SearchPart::Table));
-    }
-
-    #[test]
-    fn what_there_is_no_time_for_is_noted() {
-        let progress = Progress::within(Some(Budget::Fits(2)));
-        assert!(progress.may_begin(SearchPart::Alone(Gravity)));
-        assert_eq!(progress.ended(), None);
-        (0..2).for_each(|_| drop(progress.fit()));
-        assert!(!progress.may_begin(SearchPart::Alone(MaxwellBranch)));
-        assert!(!progress.may_begin(SearchPart::Combinations));
-        let undone = progress.ended().unwrap().undone;
-        let expected = [SearchPart::Alone(MaxwellBranch), SearchPart::Combinations];
-        assert_eq!(undone, expected.into_iter().collect());
-        let hours = Progress::within(Some(Budget::Time(Duration::from_secs(7200))));
-        assert!(hours.may_begin(SearchPart::Table));
-        let none = Progress::within(Some(Budget::Time(Duration::ZERO)));
-        assert!(!none.may_begin(SearchPart::Table));
-        assert!(Progress::within(None).may_begin(SearchPart::Table));
-    }
-
-    #[test]
     fn a_larger_structure_has_to_leave_much_less_to_be_best() {
         let pair = [CoulombFriction, Gravity];
         let progress = Progress::default();
         let best_after = |kinds: &[Kind], closes: f64| {
-            progress
-                .now()
-                .offer(found(kinds, 1.0 - closes, Some(closes)));
+            progress.offer(found(kinds, 1.0 - closes, Some(closes)));
             progress.state().best.unwrap().kinds
         };
         assert_eq!(best_after(&[Gravity], 0.6), [Gravity]);
@@ -800,7 +534,7 @@ mod tests {
     fn a_fit_gives_way_to_a_measurement_and_must_help() {
         let progress = Progress::default();
         let left_after = |leaves, explains| {
-            progress.now().offer(found(&[Gravity], leaves, explains));
+            progress.offer(found(&[Gravity], leaves, explains));
             progress.state().best.map(|best| best.leaves)
         };
         assert_eq!(left_after(1.2, None), None);

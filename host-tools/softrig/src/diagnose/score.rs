@@ -26,10 +26,11 @@ use model_core::effects::{Instant, Mechanism, Parameter, Rest, Unit};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::candidates::{Scales, combinations};
+use super::scales::{Scales, combinations};
 use super::smoother::Smoother;
 use crate::estimate::filter::{self, Level, Pace, levels};
-use crate::estimate::fit::{Effort, Fit, Fitter};
+use crate::estimate::fit::{Effort, Fit};
+use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::statics::signed_power;
 use crate::estimate::nuisance::Nuisance;
 use crate::estimate::placement::Placement;

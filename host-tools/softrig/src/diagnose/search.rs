@@ -4,22 +4,23 @@ use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::Progress;
 use super::baseline::{Baseline, in_step};
 use super::budget::SearchPart;
-use super::candidates::{Candidate, FitContext, Scales, Untried, applicable, finished};
+use super::candidates::{Candidate, FitContext, Untried, applicable, finished};
 use super::decide::Remains;
 use super::executor::Executor;
 use super::grade::{Graded, grade};
+use super::job::Job;
 use super::measure::MeasuredStructure;
 use super::progress::Stage;
+use super::scales::Scales;
 use super::score::Guesses;
 use super::selection::{Fitted, Rows, Selection};
 use super::singles::{Singles, is_settled, most_of_rivals, singles};
 use super::validation::CrossValidator;
 use crate::estimate::Dataset;
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::subsample::{ENOUGH_TO_FIT, ENOUGH_TO_RANK, short_segments, subsample};
 use softrig_formats::model_file::ModelFile;
 
@@ -32,7 +33,7 @@ pub struct Options<'a> {
     /// Kept fits, also of an interrupted run.
     pub checkpoint: &'a Checkpoint,
     /// Counts the fits.
-    pub progress: &'a Progress,
+    pub job: &'a Job,
     /// Random seed.
     pub seed: u64,
     /// Effects to try beside those of the catalogue.
@@ -101,7 +102,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let context = fitters.context(&file, &material, &guesses, options);
     let Singles { coarse, mut pool } = singles(&context, &baseline.floor, &kinds, &baseline.refit);
     let is_open = !is_settled(&pool, &baseline.floor);
-    let graded = (is_open && options.progress.may_begin(SearchPart::Horizons))
+    let graded = (is_open && options.job.may_begin(SearchPart::Horizons))
         .then(|| {
             let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
             let noise = baseline.floor.white;
@@ -130,7 +131,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
             .at_most(best.fit.rmse());
         validator.raise_floor(baseline.floor.rms);
     }
-    options.progress.stage(Stage::Selection, 0);
+    options.job.progress.stage(Stage::Selection, 0);
     if let Some(quiet) = baseline.find_quiet(&validator) {
         return Searched::nothing(quiet, untried, baseline);
     }
@@ -314,7 +315,7 @@ impl<'a> Fitters<'a> {
             subsample: &self.subsample,
             scales: &material.scales,
             guesses,
-            executor: Executor::new(options.progress, options.checkpoint),
+            executor: Executor::new(options.job, options.checkpoint),
         }
     }
 }

@@ -201,7 +201,7 @@ impl Rows {
 
     /// What remains of the structures.
     pub fn ranking(&self, context: &FitContext<'_>) -> Ranking {
-        let tried = tried_sizes(&context.executor.progress().undone());
+        let tried = tried_sizes(&context.executor.job().allowance.undone());
         rank(&self.scored, tried, &Policy::STANDARD)
     }
 
@@ -212,7 +212,7 @@ impl Rows {
         context: &FitContext<'_>,
         validator: &CrossValidator<'_>,
     ) -> Selection {
-        context.executor.progress().stage(Stage::Augmented, 0);
+        context.executor.job().progress.stage(Stage::Augmented, 0);
         let Repaired {
             candidate: repaired,
             table_leaves,
@@ -271,7 +271,7 @@ impl Rows {
             });
         let enough = policy.adds_to_repair * error(&by_name);
         let table = (enough > validator.floor()
-            && context.executor.progress().may_begin(SearchPart::Table))
+            && context.executor.job().may_begin(SearchPart::Table))
         .then(|| tables::with_table(context, &by_name))
         .flatten()
         .filter(|with_table| error(with_table) <= enough)

@@ -51,22 +51,24 @@ pub fn singles(
     kinds: &[Kind],
     refit: &Candidate,
 ) -> Singles {
-    let progress = context.executor.progress();
+    let job = context.executor.job();
     let mut singles = Singles {
         coarse: Vec::new(),
         pool: vec![refit.clone()],
     };
     let ranked = context.guesses.ranked();
     let first: Vec<Kind> = ranked.into_iter().take(LEADING).collect();
-    progress.knows(|known| known.leads = first.first().copied());
-    progress.stage(Stage::Leading, first.len());
+    job.progress
+        .knows(|known| known.leads = first.first().copied());
+    job.progress.stage(Stage::Leading, first.len());
     singles.fit(context, refit, &first, Starts::Scored);
     let near = singles.neighbours(kinds);
-    progress.step("fits of what looks like the best", near.len());
+    job.progress
+        .step("fits of what looks like the best", near.len());
     singles.fit(context, refit, &near, Starts::Scored);
     singles.finish(context, floor);
     if !is_settled(&singles.pool, floor) {
-        progress.stage(Stage::Everywhere, kinds.len());
+        job.progress.stage(Stage::Everywhere, kinds.len());
         singles.fit(context, refit, kinds, Starts::Everywhere);
         singles.finish(context, floor);
     }
@@ -84,7 +86,7 @@ impl Singles {
                     .and_then(|predicted| coarse_fit(context, &predicted));
                 executor.reached(SearchPart::Alone(kind), fitted)
             })
-            .inspect(|candidate| executor.progress().fitted(candidate))
+            .inspect(|candidate| executor.job().progress.offer(candidate.so_far()))
             .collect();
         // Of two fits of an effect the better one counts, and what was made of the other goes.
         for candidate in fitted {
@@ -128,7 +130,7 @@ impl Singles {
 
     /// Final fits of the best, if one of them may leave only noise.
     fn finish(&mut self, context: &FitContext<'_>, floor: &NoiseFloor) {
-        let progress = context.executor.progress();
+        let job = context.executor.job();
         let most = Search::STANDARD.may_settle * floor.total();
         let Some(best) = self.coarse.first().filter(|best| best.fit.rmse() <= most) else {
             return;
@@ -144,7 +146,7 @@ impl Singles {
         };
         let near = self.coarse.iter().take(near);
         let planned: Vec<&Candidate> = near.filter(is_unfinished).collect();
-        progress.stage(Stage::Final, planned.len());
+        job.progress.stage(Stage::Final, planned.len());
         let final_fits = |candidates: Vec<&Candidate>, effort: Effort| -> Vec<Candidate> {
             candidates
                 .par_iter()
@@ -153,7 +155,7 @@ impl Singles {
                     let fitted = final_fit(context, candidate, effort);
                     context.executor.reached(part, fitted)
                 })
-                .inspect(|candidate| progress.fitted(candidate))
+                .inspect(|candidate| job.progress.offer(candidate.so_far()))
                 .collect()
         };
         let nearly = final_fits(planned, Effort::Coarse);
@@ -164,7 +166,7 @@ impl Singles {
             fit: context.fitter.informed(&far.fit),
             ..far
         };
-        progress.step("to their ends", near.len());
+        job.progress.step("to their ends", near.len());
         let mut finished = final_fits(near.iter().collect(), Effort::Full);
         finished.extend(far.into_iter().map(informed));
         self.pool.extend(finished);

@@ -2,11 +2,12 @@
 
 use model_core::catalogue::Kind;
 
-use super::candidates::{Candidate, FitContext, Scales, added};
+use super::candidates::{Candidate, FitContext, added};
 use super::executor::{Executor, Unfitted};
+use super::scales::Scales;
 use super::score::Guesses;
 use crate::estimate::Dataset;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::subsample::{ENOUGH_TO_FIT, subsample};
 use crate::statistics::mean;
 use softrig_formats::model_file::ModelFile;

@@ -17,7 +17,8 @@ use statrs::statistics::{Data, OrderStatistics};
 use super::budget::SearchPart;
 use super::candidates::{Candidate, FitContext};
 use super::executor::Unfitted;
-use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::fit::Effort;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::smooth::motions;
 
 /// Nodes of a table of anything but the rate.
@@ -132,9 +133,9 @@ fn nodes(fitter: &Fitter<'_>, of: Variable) -> Option<Vec<f32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::Progress;
-    use crate::diagnose::candidates::Scales;
+    use crate::diagnose::Job;
     use crate::diagnose::executor::Executor;
+    use crate::diagnose::scales::Scales;
     use crate::diagnose::score::Guesses;
     use crate::estimate::Dataset;
     use crate::estimate::checkpoint::Checkpoint;
@@ -158,7 +159,7 @@ mod tests {
             let fitter = Fitter::new(&file.model, &data);
             let refit = Candidate::of(0, fitter.fit(&file.model, &file.free, Effort::Full));
             let scales = Scales::of(&fitter, &refit.fit);
-            let (progress, checkpoint) = (Progress::default(), Checkpoint::default());
+            let (job, checkpoint) = (Job::default(), Checkpoint::default());
             let context = FitContext {
                 guesses: &Guesses::default(),
                 file: &file,
@@ -166,7 +167,7 @@ mod tests {
                 short_segments: None,
                 subsample: &fitter,
                 scales: &scales,
-                executor: Executor::new(&progress, &checkpoint),
+                executor: Executor::new(&job, &checkpoint),
             };
             let repaired = with_table(&context, &refit).unwrap();
             let table = repaired.fit.model.table().unwrap();

@@ -12,13 +12,14 @@ use std::ops::Range;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use super::Progress;
 use super::budget::SearchPart;
 use super::candidates::Candidate;
 use super::executor::{Executor, Unfitted};
+use super::job::Job;
 use super::structures;
 use crate::estimate::checkpoint::Checkpoint;
-use crate::estimate::fit::{Effort, Fitter};
+use crate::estimate::fit::Effort;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::usable::{Concern, Matter};
 use crate::estimate::{Dataset, Session};
 use softrig_formats::model_file::ModelFile;
@@ -35,7 +36,7 @@ pub fn contradictions(
     data: &Dataset,
     refit: &Candidate,
     noise: f64,
-    progress: &Progress,
+    job: &Job,
 ) -> Vec<Concern> {
     let said: Vec<f64> = data
         .sessions()
@@ -45,12 +46,12 @@ pub fn contradictions(
     let Some(&turned) = said.iter().find(|&&turned| turned != 0.0) else {
         return Vec::new();
     };
-    if !progress.may_begin(SearchPart::Setups) {
+    if !job.may_begin(SearchPart::Setups) {
         return Vec::new();
     }
     // None of these fits is asked for again.
     let checkpoint = Checkpoint::default();
-    let executor = Executor::new(progress, &checkpoint);
+    let executor = Executor::new(job, &checkpoint);
     let left = |data: &Dataset| {
         let left = with_weight(file, data, refit, executor);
         executor.reached(SearchPart::Setups, left)
@@ -242,7 +243,7 @@ mod tests {
             &data,
             &refitted.refit,
             1e-4,
-            &Progress::default(),
+            &Job::default(),
         )
         .iter()
         .map(ToString::to_string)

@@ -9,7 +9,8 @@ use model_core::actuator::ParameterId;
 
 use crate::portable::product;
 
-use super::fit::{Fit, Fitter, student95};
+use super::fit::{Fit, student95};
+use super::fitter::Fitter;
 
 /// Why there is no band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -15,8 +15,9 @@ use super::nuisance::{Nuisance, Prior};
 use super::placement::Placement;
 use crate::estimate::denoise;
 use crate::sim::board::{OnBoard, Unseen};
+use crate::sim::dual::FromF64;
 use crate::sim::simulate::{
-    FromF64, Grain, InitialState, Origin, Signal, Stepping, Trajectory, run_as_it_is, run_from,
+    Grain, InitialState, Origin, Signal, Stepping, Trajectory, run_as_it_is, run_from,
 };
 use crate::statistics::swing;
 use softrig_formats::model_file::KnownRange;
@@ -700,7 +701,8 @@ impl Dataset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::fit::{Effort, Fitter};
+    use crate::estimate::fit::Effort;
+    use crate::estimate::fitter::Fitter;
     use crate::statistics::rms;
     use model_core::actuator::ParameterId;
     use model_core::catalogue::{Effect, Kind};

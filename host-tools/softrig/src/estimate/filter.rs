@@ -405,7 +405,8 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::estimate::fit::{Effort, Fitter};
+    use crate::estimate::fit::Effort;
+    use crate::estimate::fitter::Fitter;
     use softrig_formats::recording::Recording;
 
     const INTERVAL_S: f64 = 0.02;

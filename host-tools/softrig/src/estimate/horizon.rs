@@ -242,7 +242,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::estimate::fit::Fitter;
+    use crate::estimate::fitter::Fitter;
     use crate::sim::simulate::{InitialState as From, Signal, run};
     use softrig_formats::recording::Recording;
 

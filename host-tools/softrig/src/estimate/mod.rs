@@ -30,6 +30,7 @@ pub(crate) mod denoise;
 mod descent;
 pub mod filter;
 pub mod fit;
+pub mod fitter;
 pub(crate) mod horizon;
 pub mod identify;
 pub mod impossible;

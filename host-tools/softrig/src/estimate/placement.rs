@@ -10,7 +10,7 @@ use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 use softrig_formats::setup::Setup;
 
-use crate::sim::simulate::FromF64;
+use crate::sim::dual::FromF64;
 
 /// How the rig stood.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::descent::{Bounded, Descent, descend};
 use super::filter::{Innovation, Level, normalised, pass};
-use super::fit::{Effort, Fit, Fitter};
+use super::fit::{Effort, Fit};
 use super::information::{Information, Recorded, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, PAST_PLACE, Prior, Shared, UNKNOWNS, ZEROS, wall};
@@ -142,12 +142,11 @@ pub struct Problem<'a> {
 impl<'a> Problem<'a> {
     /// Starts at the parameters of `model` and at the guess of each session.
     pub fn new(
-        fitter: &Fitter<'a>,
+        data: &'a Dataset,
         model: &Model<f64>,
         free: &[ParameterId],
         compared: Compared,
     ) -> Self {
-        let data = fitter.data;
         let limits = Limits::of(data);
         let transforms: Vec<ParameterTransform> = free
             .iter()
@@ -919,6 +918,7 @@ impl Bounded for Problem<'_> {
 
 #[cfg(test)]
 mod tests {
+    use crate::estimate::fitter::Fitter;
     use model_core::catalogue::{Effect, Kind};
     use model_core::dynamics::Dynamics;
     use model_core::effects::table::{Table, Variable};

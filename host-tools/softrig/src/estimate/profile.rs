@@ -17,7 +17,8 @@
 use model_core::actuator::ParameterId;
 use rayon::prelude::*;
 
-use super::fit::{Effort, Fit, Fitter, student95};
+use super::fit::{Effort, Fit, student95};
+use super::fitter::Fitter;
 
 /// How far from the best value to look at first and at last, in standard errors.
 const STEPS: [f64; 9] = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0];

@@ -2,7 +2,8 @@
 
 use super::assemble::assemble;
 use super::dataset::Dataset;
-use super::fit::{Fit, Fitter};
+use super::fit::Fit;
+use super::fitter::Fitter;
 use super::identify::{EXPONENTS, far_zeros, identify};
 use super::placement::with_tip_load;
 use crate::estimate::unit_errors;

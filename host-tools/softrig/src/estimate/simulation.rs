@@ -10,7 +10,7 @@ use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
 use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
-use crate::estimate::fit::Fitter;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::sim::board::{self, OnBoard};
 use crate::sim::linear::linear_rival;

@@ -12,7 +12,7 @@ use model_core::actuator::{Model, ParameterId};
 use model_core::dynamics::Dynamics;
 
 use crate::estimate::Dataset;
-use crate::estimate::fit::Fitter;
+use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::{EXPONENTS, Identified, Order, identify};
 use crate::statistics::{mean, median, rms};
 use softrig_formats::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};

@@ -234,7 +234,7 @@ mod tests {
         input_gain: 1.45e-4,
     };
 
-    fn at_rest<R: crate::sim::simulate::FromF64>(zero: f64, clock: f64) -> Origin<R> {
+    fn at_rest<R: crate::sim::dual::FromF64>(zero: f64, clock: f64) -> Origin<R> {
         let start = InitialState {
             angle: R::zero(),
             rate: R::zero(),

@@ -18,8 +18,7 @@ use std::sync::LazyLock;
 use model_core::actuator::Model;
 use model_core::power::{Exact, Power};
 
-use super::dual::Dual;
-use super::simulate::FromF64;
+use super::dual::{Dual, FromF64};
 
 /// Nodes of the mantissa.
 const NODES: usize = 256;

@@ -10,7 +10,7 @@ use model_core::{
     catalogue::{Effect, Kind},
 };
 use softrig::diagnose::verdict::{Answer, Verdict};
-use softrig::diagnose::{Diagnosis, Progress, Request, diagnose};
+use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
@@ -90,7 +90,7 @@ fn go(mut served: VirtualRig) -> Pass {
     let (truth, answer) = (ModelFile::read(&path), fs::read_to_string(path).unwrap());
     let file = ModelFile::read(&folder.path().join("model.toml")).unwrap();
     let request = Request::of(&file, std::slice::from_ref(&recording));
-    let diagnosis = diagnose(&request, &Progress::default()).unwrap();
+    let diagnosis = diagnose(&request, &Job::default()).unwrap();
     let verdict = diagnosis.verdict(&request, 0.0);
     println!("{}", serde_json::to_string(&verdict).unwrap());
     Pass {

@@ -23,7 +23,8 @@ use model_core::dynamics::Dynamics;
 use rayon::prelude::*;
 
 use super::Dataset;
-use super::fit::{Effort, Fit, Fitter};
+use super::fit::{Effort, Fit};
+use super::fitter::Fitter;
 use super::subsample::reduced;
 use softrig_formats::recording::PASCAL_PER_KPA;
 
