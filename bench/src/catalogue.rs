@@ -3,7 +3,7 @@
 use model_core::catalogue::Kind;
 use model_core::effects::{Parameter, Place};
 use serde_json::{Value, json};
-use softrig::diagnose::policy::{Constant, Policy, Search};
+use softrig::diagnose::work::policy::{Constant, Policy, Search};
 
 const PLACES: [(Place, &str); 3] = [
     (Place::Input, "Between the pressure sensor and the chamber"),

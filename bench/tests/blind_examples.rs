@@ -15,9 +15,10 @@ use std::path::Path;
 
 use model_core::catalogue::Kind;
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::finding::{Finding, names};
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::finding::Finding;
+use softrig::diagnose::decide::verdict::Answer;
 use softrig::synth::example::{Hidden, make};
+use softrig_formats::family::names;
 use softrig_tests::{Case, all_tests, named};
 
 /// RMS noise of the angle (°), as of a flex sensor on a good day.

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::{Example, Hidden, make, of_actuator};
 use softrig_formats::model_file::ModelFile;

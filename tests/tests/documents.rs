@@ -372,7 +372,7 @@ fn a_version_is_the_same_everywhere() {
         );
     }
     let stable = read("docs/stability.md");
-    let json = softrig::diagnose::verdict::SCHEMA;
+    let json = softrig::diagnose::decide::verdict::SCHEMA;
     for row in [
         format!(
             "| the [serial protocol](serial.md) | {} |",

@@ -8,7 +8,7 @@
 
 use model_core::catalogue::Kind;
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::verdict::{Answer, Strength};
+use softrig::diagnose::decide::verdict::{Answer, Strength};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::unit_errors::refuse;
 use softrig_formats::family::Family;

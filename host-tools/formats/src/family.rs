@@ -14,6 +14,11 @@ pub fn of_all(kinds: &[Kind]) -> Vec<Family> {
     families
 }
 
+/// The names of effects, as in files.
+pub fn names(kinds: &[Kind]) -> Vec<String> {
+    kinds.iter().map(|kind| kind.name().to_owned()).collect()
+}
+
 /// The joint name of several families: "dry friction + stiffness shape".
 pub fn title(families: &[Family]) -> String {
     let names: Vec<String> = families.iter().map(ToString::to_string).collect();

@@ -1,6 +1,6 @@
 //! The 95 % confidence band of the repaired or refitted curves.
 
-use softrig::diagnose::finding::Finding;
+use softrig::diagnose::decide::finding::Finding;
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::estimate::band::NoBand;
 use softrig::estimate::fit::Effort;

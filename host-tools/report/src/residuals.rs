@@ -6,7 +6,7 @@ use super::pictures::{COLUMN_PX, NOMINAL, REFITTED, REPAIRED, ROW_HEIGHT_PX, sty
 use super::runs::RunView;
 use crate::plot::{Figure, Mark, Panel, Role, Series, Style};
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::finding::Finding;
+use softrig::diagnose::decide::finding::Finding;
 use softrig::estimate::filter::Pace;
 use softrig_formats::numbers::{percent, short};
 

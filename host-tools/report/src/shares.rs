@@ -7,8 +7,8 @@
 
 use std::fmt;
 
-use softrig::diagnose::measure;
-use softrig::diagnose::policy::Policy;
+use softrig::diagnose::evidence::measure;
+use softrig::diagnose::work::policy::Policy;
 use softrig_formats::numbers::percent;
 
 /// A share of the error beyond the noise.

@@ -2,7 +2,7 @@
 
 use super::Outputs;
 use super::content::{Content, Notice, ParameterRow, Rival};
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::verdict::Answer;
 
 /// Largest number of lines: one screen.
 const LINES: usize = 25;

@@ -10,7 +10,7 @@ use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 
-use crate::diagnose::noise::NoiseFloor;
+use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::estimate::Dataset;
 use crate::estimate::fit::{Effort, Residuals};
 use crate::estimate::fitter::Fitter;

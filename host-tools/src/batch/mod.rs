@@ -388,7 +388,7 @@ fn diagnose(
         }
         Ok(Some((solved, inputs)))
     });
-    if batch.is_stopped() {
+    if batch.allowance.is_stopped() {
         return Ok(Outcome::Stopped);
     }
     let (solved, inputs) = match results {

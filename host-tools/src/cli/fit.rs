@@ -10,7 +10,7 @@ use super::input::InputArgs;
 use super::json::{JsonArgs, Parameter, SCHEMA};
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
-use softrig::diagnose::verdict::Zeros;
+use softrig::diagnose::decide::verdict::Zeros;
 use softrig::estimate::Dataset;
 use softrig::estimate::fit::{Fit, rms_each};
 use softrig::estimate::fitter::Fitter;

@@ -79,7 +79,7 @@ pub enum Of {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let of_command = |schema: Schema| -> Value { schema.into() };
     let schema = match args.of {
-        Of::Diagnose => softrig::diagnose::verdict::schema(),
+        Of::Diagnose => softrig::diagnose::decide::verdict::schema(),
         Of::Fit => of_command(schema_for!(fit::FitResult)),
         Of::Compare => of_command(schema_for!(compare::Errors)),
         Of::Gap => of_command(schema_for!(BoardGap)),

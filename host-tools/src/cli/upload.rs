@@ -9,7 +9,7 @@ use wire::settings::{Key, Settings};
 use wire::state::State;
 
 use super::port::PortArgs;
-use softrig::diagnose::verdict::read_zeros;
+use softrig::diagnose::decide::verdict::read_zeros;
 use softrig::estimate::Placement;
 use softrig::estimate::placement::without_law;
 use softrig::sim::board;

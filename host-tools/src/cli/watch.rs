@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use softrig::diagnose::progress::State;
+use softrig::diagnose::work::progress::State;
 use softrig::diagnose::{Budget, Job};
 use softrig_formats::terminal::{printable, remark};
 

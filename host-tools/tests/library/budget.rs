@@ -1,8 +1,8 @@
 //! A search that its budget ends claims no more than what it tried, wherever that is.
 
 use model_core::catalogue::Kind;
-use softrig::diagnose::budget::Ended;
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::verdict::Answer;
+use softrig::diagnose::work::budget::Ended;
 use softrig::diagnose::{Budget, Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::model_file::ModelFile;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use softrig::diagnose::validation::CrossValidator;
+use softrig::diagnose::evidence::validation::CrossValidator;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::fitter::Fitter;
 use softrig::synth::example::{Hidden, make};

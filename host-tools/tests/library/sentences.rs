@@ -2,8 +2,8 @@
 
 use model_core::catalogue::Kind::{self, CoulombFriction, Gravity, Leak, MaxwellBranch};
 use model_core::effects::table::Variable;
-use softrig::diagnose::finding::{Explanation, Finding, NamedKind};
-use softrig::diagnose::verdict::Strength::{self, Explains, Part};
+use softrig::diagnose::decide::finding::{Explanation, Finding, NamedKind};
+use softrig::diagnose::decide::verdict::Strength::{self, Explains, Part};
 use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::family::Family;

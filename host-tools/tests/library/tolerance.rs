@@ -1,6 +1,6 @@
 //! What is left and does not matter is said to be that, and only where somebody says so.
 
-use softrig::diagnose::finding::Finding;
+use softrig::diagnose::decide::finding::Finding;
 use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 

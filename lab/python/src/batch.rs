@@ -159,7 +159,7 @@ pub fn batch(
             share: None,
             jobs,
         };
-        let summary = plan.run(&mut *cases, progress, &|_| Ok(()))?;
+        let summary = plan.run(&mut *cases, job, &|_| Ok(()))?;
         let rows = rows(&folder, &mut *cases).collect::<Result<Vec<_>, _>>()?;
         Ok((summary, columns(&rows)))
     };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use library::diagnose::verdict::{Verdict, schema};
+use library::diagnose::decide::verdict::{Verdict, schema};
 use library::diagnose::{Budget, Diagnosis as Found, Job, Request, diagnose_from};
 use library::estimate::checkpoint::Checkpoint;
 use library::estimate::placement::with_tip_load;
@@ -448,7 +448,7 @@ pub fn diagnose(
             own: own.as_ref(),
             seed,
         };
-        let found = diagnose_from(&request, &checkpoint, progress)?;
+        let found = diagnose_from(&request, &checkpoint, job)?;
         let seconds = clock.elapsed().as_secs_f64();
         let content = Content::of(&request, &found);
         Ok((Box::new(found), content, seconds, fitted, held_out, own))
@@ -456,7 +456,7 @@ pub fn diagnose(
     let listener = Listener::new(progress);
     let job = Job::within(budget);
     let (found, content, seconds, fitted, held_out, own) =
-        work::run(py, threads, progress, listener, work)?.or_raise(py)?;
+        work::run(py, threads, job, listener, work)?.or_raise(py)?;
     let repaired = given.with(py, &found.model_text(&given.file))?;
     Ok(Diagnosis {
         model: Py::new(py, repaired)?,

@@ -4,7 +4,7 @@ use std::num::NonZero;
 use std::sync::Arc;
 
 use library::diagnose::Job;
-use library::diagnose::verdict::Zeros;
+use library::diagnose::decide::verdict::Zeros;
 use library::estimate::fit as fits;
 use library::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use library::statistics::rms;

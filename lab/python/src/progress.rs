@@ -1,6 +1,6 @@
 //! `softrig.Progress`: the argument of a progress callback.
 
-use library::diagnose::progress::State;
+use library::diagnose::work::progress::State;
 use pyo3::prelude::*;
 
 /// How far a diagnosis is, or a batch. As a text it is one line that says all of it.

@@ -14,8 +14,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use library::diagnose::job::Job;
-use library::diagnose::progress::State;
+use library::diagnose::work::job::Job;
+use library::diagnose::work::progress::State;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 

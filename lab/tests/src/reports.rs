@@ -8,10 +8,10 @@
 use std::path::{Path, PathBuf};
 
 use model_core::catalogue::Kind;
-use softrig::diagnose::candidates::{Candidate, Untried};
-use softrig::diagnose::finding::{Explanation, Finding};
-use softrig::diagnose::plan::Proposal;
-use softrig::diagnose::verdict::{Answer, Strength};
+use softrig::diagnose::decide::finding::{Explanation, Finding};
+use softrig::diagnose::decide::verdict::{Answer, Strength};
+use softrig::diagnose::experiment::plan::Proposal;
+use softrig::diagnose::fit::candidates::{Candidate, Untried};
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::synth::example::{Example, Hidden, make};
 use softrig_formats::protocol_file::ProtocolFile;

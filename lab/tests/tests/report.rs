@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use scraper::{ElementRef, Html, Selector};
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::verdict::Answer;
 use softrig_lab_tests::reports::{EVIL, EVIL_MODEL, Report, of_every_kind};
 use softrig_report::Outputs;
 use softrig_report::content::Notice;

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::verdict::Answer;
 use softrig_lab_tests::browser::{Browser, Page, browser};
 use softrig_lab_tests::reports::{Report, of_every_kind};
 use softrig_report::pictures::{NOMINAL, REFITTED};

@@ -4,8 +4,8 @@ use super::sentences::left_over;
 use super::words::titles;
 use crate::shares::Explained;
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::finding::are_the_same;
-use softrig::diagnose::verdict::Closure;
+use softrig::diagnose::decide::finding::are_the_same;
+use softrig::diagnose::evidence::measure::Closure;
 use softrig_formats::numbers::{degrees, percent, short};
 
 /// The share of the error beyond the noise that the repaired model explains at each

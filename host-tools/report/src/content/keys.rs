@@ -8,8 +8,8 @@ use super::sentences::{best_closed, left_over};
 use super::words::probability;
 use crate::shares::Explained;
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::finding::Finding;
-use softrig::diagnose::noise::NoiseFloor;
+use softrig::diagnose::decide::finding::Finding;
+use softrig::diagnose::recordings::noise::NoiseFloor;
 use softrig_formats::numbers::{degrees, percent, short};
 
 /// A number with its label.

@@ -22,8 +22,8 @@ pub use rivals::{CLOSEST, NextRun, Rival};
 pub use sentences::sentence;
 pub use tried::{Standing, TriedGroup, TriedRow, Untried};
 
-use softrig::diagnose::budget::Ended;
-use softrig::diagnose::verdict::Answer;
+use softrig::diagnose::decide::verdict::Answer;
+use softrig::diagnose::work::budget::Ended;
 use softrig::diagnose::{Diagnosis, Request, Upload};
 
 /// The content of a diagnosis.

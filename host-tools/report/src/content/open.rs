@@ -6,8 +6,8 @@ use super::sentences::left_over;
 use super::tried::judged_size;
 use super::words::{listed, with_capital};
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::finding::Finding;
-use softrig::diagnose::selection::FittedStructure;
+use softrig::diagnose::decide::finding::Finding;
+use softrig::diagnose::search::selection::FittedStructure;
 use softrig_formats::numbers::degrees;
 
 /// Sentences about what these recordings leave open.

@@ -7,10 +7,10 @@ use serde::Serialize;
 use super::explained::of_the_refit;
 use super::words::{probability, titles};
 use crate::shares::Explained;
-use softrig::diagnose::finding::{Finding, are_the_same, names};
-use softrig::diagnose::selection::FittedStructure;
+use softrig::diagnose::decide::finding::{Finding, are_the_same};
+use softrig::diagnose::search::selection::FittedStructure;
 use softrig::diagnose::{Diagnosis, Request};
-use softrig_formats::family::Family;
+use softrig_formats::family::{Family, names};
 use softrig_formats::numbers::{evidence, percent};
 use softrig_formats::terminal::quoted;
 

@@ -3,11 +3,11 @@
 use super::rivals::next_suffices;
 use super::words::{combined, in_words, listed, titles, with_capital};
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::budget::SearchPart;
-use softrig::diagnose::finding::Finding;
-use softrig::diagnose::policy::Policy;
-use softrig::diagnose::selection::{FittedStructure, RIVALS_PLANNED};
-use softrig::diagnose::verdict::Strength;
+use softrig::diagnose::decide::finding::Finding;
+use softrig::diagnose::decide::verdict::Strength;
+use softrig::diagnose::search::selection::{FittedStructure, RIVALS_PLANNED};
+use softrig::diagnose::work::budget::SearchPart;
+use softrig::diagnose::work::policy::Policy;
 use softrig_formats::numbers::{degrees, percent};
 
 /// The verdict in one sentence.

@@ -6,8 +6,9 @@ use serde::Serialize;
 use super::explained::of_the_refit;
 use super::words::{probability, titles};
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::finding::{Finding, are_the_same, names};
-use softrig::diagnose::selection::FittedStructure;
+use softrig::diagnose::decide::finding::{Finding, are_the_same};
+use softrig::diagnose::search::selection::FittedStructure;
+use softrig_formats::family::names;
 use softrig_formats::numbers::{evidence, short};
 
 /// Number of structures of one size that are listed; further ones are only counted.

@@ -1,65 +1,37 @@
 //! Diagnosis: which effect does a model lack?
 //!
-//! Each step is a module whose output is data that reports can show:
+//! A row is a room, and knows only the rooms above it:
 //!
-//! 1. [`quality`] and [`unit_errors`] refuse unusable recordings and report other problems.
-//! 2. [`noise`] estimates the noise floor.
-//! 3. [`identifiability`] refits the nominal structure, since a wrong parameter is not a
-//!    missing effect, and finds which parameters the recordings determine.
-//! 4. If the residual of the refit cannot be distinguished from noise, the diagnosis ends.
-//! 5. [`mod@localise`] shows which feature the missing force goes with, by a [`smoother`].
-//! 6. [`mod@search`] fits the [`candidates`] of the catalogue, alone and in [`pairs`].
-//! 7. [`validation`] tests structures on held-out runs, [`draws`] show how sure a difference
-//!    is, and [`doubts`] what keeps a structure from being named; [`selection`] is what is left.
-//! 8. [`mod@decide`] makes the answer, once: a [`finding`], written as a [`verdict`].
-//! 9. [`plan`] proposes the run that separates the rivals, and [`turns`] says where a session
-//!    behaves as if the rig had stood otherwise than it is said.
+//! | room | what it does |
+//! |---|---|
+//! | [`work`] | what is asked, how long it may take, who is told, and the [constants](work::policy) of the decision |
+//! | [`recordings`] | [their quality](recordings::quality), their [noise](recordings::noise), what can be seen in them at all |
+//! | [`score`] | which effects look like what is missing, and [where the gap is](score::localise) |
+//! | [`fit`] | structures with effects, fitted; which parameters are [determined](fit::identifiability) |
+//! | [`evidence`] | errors [held out](evidence::validation), how sure a difference is, doubts |
+//! | [`mod@decide`] | the answer, made once, as a [finding](decide::finding) and a [verdict](decide::verdict) |
+//! | [`mod@search`] | which structures are fitted, and what is left of them |
+//! | [`experiment`] | the run that separates rivals; whether the rig stood as it is said |
+//! | [`explain`] | all of it as a [`Diagnosis`], in words and in JSON, and the [repaired model](explain::repair) |
 //!
-//! A [`budget`] can end the search early; the answer then claims less. Where it is too short for
-//! a search on all samples, an [affordable](mod@affordable) part of them is used.
+//! The search comes after the decision because it asks it whether to go on. A wrong parameter is
+//! not a missing effect, so that the nominal structure is refitted first; where that leaves noise, the
+//! diagnosis ends. A [budget](work::budget) can end it early: the answer then claims less.
 //!
 //! A false name is worse than "cannot tell".
 
-pub(crate) mod affordable;
-pub mod allowance;
-pub(crate) mod baseline;
-pub mod budget;
-pub mod candidates;
-pub(crate) mod decide;
-pub(crate) mod discrepancy;
-pub(crate) mod doubts;
-pub(crate) mod draws;
-pub mod executor;
-pub mod finding;
-pub(crate) mod grade;
-pub mod identifiability;
-pub mod job;
-pub(crate) mod levels;
-pub mod localise;
-pub mod measure;
-pub(crate) mod needs;
-pub mod noise;
-pub(crate) mod pairs;
-pub mod plan;
-pub mod policy;
-pub mod progress;
-pub(crate) mod quality;
-pub mod request;
-pub(crate) mod scales;
+pub mod decide;
+pub mod evidence;
+pub mod experiment;
+pub mod explain;
+pub mod fit;
+pub mod recordings;
 pub mod score;
-pub(crate) mod search;
-pub mod selection;
-pub(crate) mod singles;
-pub(crate) mod smoother;
-pub mod structures;
-pub(crate) mod tables;
-pub(crate) mod turns;
-pub mod validation;
-pub mod verdict;
+pub mod search;
+pub mod work;
 
 use std::borrow::Cow;
 
-use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::Kind;
 
 use crate::estimate::Dataset;
@@ -70,89 +42,37 @@ use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::far_zeros;
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Matter;
-use crate::sim::board::{self, Unseen};
-use affordable::{affordable, shortened};
-use baseline::Baseline;
-pub use budget::Budget;
-use budget::{Ended, SearchPart};
-use candidates::{Candidate, Untried};
+use decide::finding::Finding;
+use decide::verdict::Adequacy;
 use decide::{Evidence, Remains, decide};
-use finding::{Explanation, Finding, names};
-use identifiability::Identifiability;
-pub use job::Job;
-use localise::{Gap, localise};
-use noise::NoiseFloor;
-use plan::{Limits, Proposal};
-use progress::Stage;
-use quality::Concern;
-pub use request::Request;
+use evidence::measure;
+use experiment::plan::Limits;
+use experiment::plan::propose;
+use experiment::turns;
+pub use explain::Diagnosis;
+use explain::Validations;
+pub use explain::repair::Upload;
+use fit::candidates::Untried;
+use fit::identifiability::Identifiability;
+use fit::outlier::{Outlier, outlying_recording};
+use fit::slow::slow_effects;
+use recordings::affordable::{affordable, shortened};
+use recordings::noise::NoiseFloor;
+use recordings::quality;
+use recordings::quality::Concern;
+use score::localise::localise;
+use search::baseline;
+use search::baseline::Baseline;
 use search::{Options, Searched, search};
-use selection::FittedStructure;
 use softrig_formats::error::InputError;
-use softrig_formats::family;
-use softrig_formats::left_out::LeftOut;
-use softrig_formats::model_file::{ModelFile, to_file_units};
-use softrig_formats::numbers::tidy;
+use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
-use softrig_formats::settings_file::from_model;
-use validation::HeldOut;
-use verdict::{
-    Adequacy, Answer, Closure, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place,
-    Remaining, Repair, SCHEMA, Verdict, Zeros,
-};
-
-/// Number of proposals for the next experiment.
-const PROPOSALS: usize = 3;
-
-/// The result of a diagnosis.
-#[derive(Clone, Debug)]
-pub struct Diagnosis {
-    /// The answer.
-    pub finding: Finding,
-    /// Concerns about the recordings.
-    pub concerns: Vec<Concern>,
-    /// What was left out of the files, or changed in them.
-    pub not_used: Vec<LeftOut>,
-    /// Index of a recording that was left out because it behaves like another actuator.
-    pub left_out: Option<usize>,
-    /// The sessions and their segments, as they were used.
-    pub data: Dataset,
-    /// Residuals on the held-out segments.
-    pub validation: Validations,
-    /// Noise floor of the fitted recordings.
-    pub floor: NoiseFloor,
-    /// The nominal model against the recordings.
-    pub nominal: Fit,
-    /// The nominal structure, refitted.
-    pub refit: Fit,
-    /// What a model may be off without it mattering (rad).
-    pub tolerance: f64,
-    /// Closure of the repaired model at three horizons; none where nothing is added.
-    pub closure: Option<Closure>,
-    /// The missing force of the repaired model, and its features.
-    pub gap_left: Option<Gap>,
-    /// The model that predicts held-out segments best, with or without named effects; the
-    /// refit where none is better.
-    pub repaired: Candidate,
-    /// Identifiability of the refit and of the repaired model.
-    pub identifiability: [Identifiability; 2],
-    /// Held-out errors.
-    pub held_out: HeldOut,
-    /// The best of the rivals that remain, as fitted.
-    pub rivals: Vec<Candidate>,
-    /// Every structure with a final fit, with its evidence.
-    pub tried: Vec<FittedStructure>,
-    /// Runs that would separate the surviving rivals, best first.
-    pub proposals: Vec<(Proposal, [Vec<Kind>; 2])>,
-    /// Whether the repaired model is adequate.
-    pub adequacy: Adequacy,
-    /// The missing force of the refit, and its features.
-    pub gap: Gap,
-    /// Effects that were not tried, because they do not apply or the time was up.
-    pub untried: Vec<Untried>,
-    /// The parts that were not done, if a budget ended the search.
-    pub ended: Option<Ended>,
-}
+pub use work::budget::Budget;
+use work::budget::{Ended, SearchPart};
+pub use work::job::Job;
+use work::policy;
+use work::progress::Stage;
+pub use work::request::Request;
 
 /// Diagnoses a model against recordings.
 ///
@@ -292,7 +212,7 @@ impl Pass {
     }
 
     /// A recording that no structure fits together with the others.
-    fn outlier(&self) -> Option<quality::Outlier> {
+    fn outlier(&self) -> Option<Outlier> {
         let Searched {
             found, baseline, ..
         } = &self.searched;
@@ -302,7 +222,7 @@ impl Pass {
         }
         let fitter = Fitter::new(&file.model, &baseline.data);
         let mut candidates = found.best().into_iter().chain([&baseline.refit]);
-        candidates.find_map(|it| quality::outlying_recording(file, &fitter, it, floor))
+        candidates.find_map(|it| outlying_recording(file, &fitter, it, floor))
     }
 
     /// The answer.
@@ -374,12 +294,12 @@ impl Pass {
             .into_iter()
             .chain(setups)
             .chain(concerns)
-            .chain(quality::slow_effects(repaired, data))
+            .chain(slow_effects(repaired, data))
             .chain(far_zeros(&repaired.fit, data))
             .collect();
         let proposals = if rivals.len() > 1 && job.may_begin(SearchPart::Experiment) {
             let sensor = Limits::default().of_rig(request.recordings);
-            propose(&file.model, &rivals, floor, &sensor)
+            propose(&file.model, &rivals, floor.rms, &sensor)
         } else {
             Vec::new()
         };
@@ -450,53 +370,6 @@ fn examined(data: &Dataset) -> Result<(NoiseFloor, Vec<Concern>), InputError> {
     Ok((floor, concerns))
 }
 
-/// What is to become of the model that `-o` writes on a board.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Upload {
-    /// It is worth an upload.
-    Worth,
-    /// It is the supplied one, unchanged.
-    Unchanged,
-    /// It predicts better on the computer, and not on the board: a sentence or two that say
-    /// why.
-    Refused(String),
-}
-
-/// Residuals (rad) on the held-out segments, of the nominal model, the refit, the
-/// repaired model and the rivals. Empty where there are none.
-#[derive(Clone, Debug, Default)]
-pub struct Validations {
-    /// A series a held-out segment.
-    pub nominal: Vec<Vec<f64>>,
-    /// The same.
-    pub refit: Vec<Vec<f64>>,
-    /// The same.
-    pub repaired: Vec<Vec<f64>>,
-    /// The same for each rival.
-    pub rivals: Vec<Vec<Vec<f64>>>,
-}
-
-impl Validations {
-    fn of(
-        fitter: &Fitter<'_>,
-        nominal: &Model<f64>,
-        refit: &Candidate,
-        repaired: &Candidate,
-        rivals: &[Candidate],
-    ) -> Self {
-        if fitter.data.held_out().next().is_none() {
-            return Self::default();
-        }
-        let of = |model: &Model<f64>| fitter.validate(model).residuals;
-        Self {
-            nominal: of(nominal),
-            refit: of(&refit.fit.model),
-            repaired: of(&repaired.fit.model),
-            rivals: rivals.iter().map(|rival| of(&rival.fit.model)).collect(),
-        }
-    }
-}
-
 /// The penalty of a fit's zeros if each session had its own: the sum of squared
 /// departures, in standard deviations. A zero that all recordings share has a small
 /// penalty in the fit, but is a property of the rig and may have a name.
@@ -510,290 +383,4 @@ fn cost_of_zeros(data: &Dataset, fit: &Fit) -> f64 {
             pressure * pressure + angle * angle
         })
         .sum()
-}
-
-/// The runs that separate rivals best, with the effects that they separate.
-fn propose(
-    nominal: &Model<f64>,
-    rivals: &[Candidate],
-    floor: &NoiseFloor,
-    limits: &Limits,
-) -> Vec<(Proposal, [Vec<Kind>; 2])> {
-    let added = |index: usize| rivals[index].added.clone();
-    plan::proposals(nominal, rivals, floor.rms, limits)
-        .into_iter()
-        .take(PROPOSALS)
-        .map(|proposal| {
-            let (a, b) = proposal.separates;
-            (proposal, [added(a), added(b)])
-        })
-        .collect()
-}
-
-impl Diagnosis {
-    /// The runs that separate the rivals best within other limits than those of [`Limits::default`]
-    /// and of the recordings, with the effects that they separate.
-    pub fn experiments_within(
-        &self,
-        request: &Request<'_>,
-        limits: Limits,
-    ) -> Vec<(Proposal, [Vec<Kind>; 2])> {
-        propose(&request.file.model, &self.rivals, &self.floor, &limits)
-    }
-
-    /// The concern that a session stood otherwise than its metadata say, on which the answer then
-    /// rests.
-    pub fn contradicted_setup(&self) -> Option<&Concern> {
-        let mut concerns = self.concerns.iter();
-        concerns.find(|concern| concern.matter == Matter::Turned)
-    }
-
-    /// The model that `-o` writes: the repaired one, or the nominal one where nothing is
-    /// wrong with it or the other predicts no better.
-    pub fn model_to_keep<'a>(&'a self, nominal: &'a ModelFile) -> &'a Model<f64> {
-        if self.is_better() {
-            &self.repaired.fit.model
-        } else {
-            &nominal.model
-        }
-    }
-
-    /// The text of that model file, with a comment above added effects.
-    pub fn model_text(&self, nominal: &ModelFile) -> String {
-        let what = match &self.finding {
-            Finding::Quiet { .. } | Finding::Named { .. } => "Added by softrig diagnose.".into(),
-            Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
-                "Added by softrig diagnose: lowers the error, not named.".into()
-            }
-            undecided if undecided.families().is_empty() => {
-                "Added by softrig diagnose: one of several that these recordings cannot tell apart."
-                    .into()
-            }
-            undecided => format!("representative of {}", family::title(undecided.families())),
-        };
-        nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
-    }
-
-    /// Whether the repaired model predicts held-out runs better than the nominal one.
-    pub fn is_better(&self) -> bool {
-        self.finding.answer() != Answer::NoDiscrepancy
-            && self.held_out.repaired < self.held_out.nominal
-    }
-
-    /// What is to become of the written model on a board.
-    pub fn upload(&self, file: &ModelFile) -> Upload {
-        if !self.is_better() {
-            return Upload::Unchanged;
-        }
-        if let Finding::Rivals { .. } = self.finding {
-            return Upload::Refused(
-                "These recordings do not tell the explanations apart: upload none of them yet. A \
-                 wrong one predicts these runs as well, and others not."
-                    .into(),
-            );
-        }
-        let mut kept = file.clone();
-        kept.model = self.fit_to_keep().model;
-        let farthest = board::farthest(self.data.largest_angle());
-        let refused = from_model(&kept)
-            .map_err(|error| error.found)
-            .and_then(|_| board::plan(&kept.model, farthest));
-        if let Err(why) = refused {
-            return Upload::Refused(format!(
-                "The board cannot run this model: {why}. Use it on the computer."
-            ));
-        }
-        let zeros = self.fit_to_keep().nuisances.iter();
-        let mut sessions = self.data.sessions().iter().zip(zeros);
-        let beyond = Err(Unseen::Pressure);
-        if sessions.any(|(it, zeros)| board::is_seen(it.signal(), zeros.pressure_zero) == beyond) {
-            return Upload::Refused(format!(
-                "No board can run this rig: {}. Use the model on the computer.",
-                Unseen::Pressure
-            ));
-        }
-        if self.held_out.repaired_on_board < self.held_out.nominal {
-            return Upload::Worth;
-        }
-        Upload::Refused(
-            "In the steps of the board this model predicts no better than the one supplied. Use \
-             it on the computer."
-                .into(),
-        )
-    }
-
-    /// The fit of the written model.
-    fn fit_to_keep(&self) -> &Fit {
-        if self.is_better() {
-            &self.repaired.fit
-        } else {
-            &self.nominal
-        }
-    }
-
-    /// The zeros of the sensors under the written model.
-    pub fn zeros(&self) -> Zeros {
-        Zeros::of(self.fit_to_keep(), &self.data)
-    }
-
-    /// The verdict for JSON.
-    pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
-        let degrees = |radians: f64| tidy(radians.to_degrees());
-        let files = request.recordings.iter().chain(request.holdout);
-        Verdict {
-            schema: SCHEMA,
-            verdict: self.finding.answer(),
-            strength: match self.finding {
-                Finding::Named { strength, .. } => Some(strength),
-                _ => None,
-            },
-            family: (!self.finding.families().is_empty())
-                .then(|| family::title(self.finding.families())),
-            effects: self.named_effects(),
-            alternatives: self
-                .finding
-                .explanations()
-                .iter()
-                .map(Explanation::written)
-                .collect(),
-            adequacy: self.adequacy,
-            tolerance_deg: degrees(self.tolerance),
-            closure: self.closure.map(|closure| Closure {
-                short: tidy(closure.short),
-                medium: tidy(closure.medium),
-                full: tidy(closure.full),
-                overall: tidy(closure.overall),
-            }),
-            remaining: self.remaining(),
-            repair: self.repair(),
-            places: self
-                .gap
-                .features
-                .iter()
-                .map(|feature| Place {
-                    feature: feature.name.to_owned(),
-                    share_of_gap: tidy(feature.share),
-                    text: feature.text.clone(),
-                })
-                .collect(),
-            rmse_deg: FittedError {
-                nominal: degrees(self.nominal.rmse()),
-                refit: degrees(self.refit.rmse()),
-                repaired: degrees(self.repaired.fit.rmse()),
-                noise_floor: degrees(self.floor.rms),
-            },
-            holdout_rmse_deg: HeldOutError {
-                nominal: degrees(self.held_out.nominal),
-                refit: degrees(self.held_out.refit),
-                repaired: degrees(self.held_out.repaired_on_board),
-            },
-            nuisance: self.zeros(),
-            upload: self.upload(request.file) == Upload::Worth,
-            next_experiment: self
-                .proposals
-                .iter()
-                .map(|(proposal, [a, b])| Experiment {
-                    protocol: proposal.protocol.name.clone(),
-                    tilt_deg: proposal.protocol.setup.tilt_deg,
-                    tip_load_g: proposal.protocol.setup.tip_load_g,
-                    tube_mm: proposal.protocol.setup.tube_mm,
-                    rested_s: proposal.protocol.setup.rested_s,
-                    work_min: tidy(plan::work_min(&proposal.protocol)),
-                    separates: [a, b].map(|kinds| names(kinds).join("+")).to_vec(),
-                    expected_delta_chi2: tidy(proposal.evidence),
-                })
-                .collect(),
-            left_out: self.not_used.clone(),
-            recordings: files.map(|file| file.path.display().to_string()).collect(),
-            ended: self.ended.as_ref().map(|_| EndedBy::Budget),
-            not_tried: self
-                .ended
-                .as_ref()
-                .map(Ended::not_tried)
-                .unwrap_or_default(),
-            seed: request.seed,
-            tool_version: env!("CARGO_PKG_VERSION").to_owned(),
-            seconds,
-        }
-    }
-
-    /// The remaining error of the written model.
-    pub fn remaining(&self) -> Remaining {
-        /// Least share of the missing force of a feature that is reported.
-        const SAYS_SOMETHING: f64 = 0.3;
-        let left = self.held_out.repaired_on_board;
-        let gap = self.gap_left.as_ref().unwrap_or(&self.gap);
-        Remaining {
-            rmse_deg: tidy(left.to_degrees()),
-            times_noise: tidy(left / self.held_out.floor.max(f64::MIN_POSITIVE)),
-            goes_with: gap
-                .features
-                .first()
-                .filter(|feature| feature.share >= SAYS_SOMETHING)
-                .map(|feature| feature.name.to_owned()),
-        }
-    }
-
-    /// What the refitted model leaves beyond the noise on held-out segments (rad).
-    pub fn beyond_noise(&self) -> f64 {
-        let HeldOut { refit, floor, .. } = self.held_out;
-        (refit * refit - floor * floor).max(0.0).sqrt()
-    }
-
-    /// The repair without a name.
-    fn repair(&self) -> Option<Repair> {
-        let unnamed = matches!(
-            self.finding,
-            Finding::Unexplained { .. } | Finding::OutOfTime { .. }
-        );
-        let first = self.repaired.added.first().filter(|_| unnamed)?;
-        if let Some(table) = self.repaired.fit.model.table() {
-            return Some(Repair {
-                kind: Kind::Table.name().to_owned(),
-                of: vec![table.of().name().to_owned()],
-            });
-        }
-        Some(Repair {
-            kind: first.name().to_owned(),
-            of: names(&self.repaired.added),
-        })
-    }
-
-    fn named_effects(&self) -> Vec<NamedEffect> {
-        let fit = &self.repaired.fit;
-        let first = fit.model.effects().count() - self.repaired.added.len();
-        self.repaired
-            .added
-            .iter()
-            .enumerate()
-            .filter_map(|(offset, kind)| Some((offset, kind, self.finding.probability_of(*kind)?)))
-            .map(|(offset, kind, probability)| {
-                let slot = first + offset;
-                let mut parameters = serde_json::Map::new();
-                let mut interval95 = serde_json::Map::new();
-                for (parameter, row) in kind.parameters().iter().enumerate() {
-                    let id = ParameterId::Effect { slot, parameter };
-                    let shown = |value: f64| tidy(to_file_units(&fit.model, id, value));
-                    if let Some(value) = fit.model.value(id) {
-                        parameters.insert(row.key.to_owned(), shown(value).into());
-                    }
-                    let interval = fit
-                        .free
-                        .iter()
-                        .position(|&free| free == id)
-                        .and_then(|index| fit.interval95(index));
-                    if let Some((low, high)) = interval {
-                        let ends = [shown(low), shown(high)];
-                        interval95.insert(row.key.to_owned(), ends.into());
-                    }
-                }
-                NamedEffect {
-                    kind: kind.name().to_owned(),
-                    parameters,
-                    interval95,
-                    probability,
-                }
-            })
-            .collect()
-    }
 }

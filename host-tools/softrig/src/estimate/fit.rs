@@ -13,7 +13,6 @@ use std::sync::Arc;
 
 use model_core::actuator::{Model, ParameterId};
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::information::Information;

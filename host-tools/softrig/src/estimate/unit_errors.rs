@@ -488,7 +488,7 @@ fn miss(file: &ModelFile, recording: &Recording) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnose::quality::tests::example;
+    use crate::diagnose::recordings::quality::tests::example;
 
     /// The model with a parameter multiplied.
     fn times(file: &ModelFile, id: ParameterId, factor: f64) -> ModelFile {

@@ -9,7 +9,7 @@ use model_core::{
     actuator::ParameterId,
     catalogue::{Effect, Kind},
 };
-use softrig::diagnose::verdict::{Answer, Verdict};
+use softrig::diagnose::decide::verdict::{Answer, Verdict};
 use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::protocol_file::ProtocolFile;

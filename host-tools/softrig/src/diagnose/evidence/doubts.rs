@@ -1,0 +1,253 @@
+//! What keeps a fitted structure from being named, however well it predicts.
+//!
+//! A formula whose parameter ran into the end of its range, or whose size may as well be
+//! zero, has been bent to follow something else. A line at a multiple of the drive's own
+//! frequency is the curve of the characteristic, and two or three swings of a sine are a
+//! curve in time. Such a structure stays in an answer set: what it stands for is real.
+
+use model_core::actuator::ParameterId;
+use model_core::catalogue::Kind;
+use model_core::effects::{Doubtful, Unit};
+
+use crate::diagnose::fit::candidates::Candidate;
+use crate::diagnose::recordings::needs::is_loaded_again;
+use crate::estimate::Dataset;
+use crate::statistics::moves;
+
+/// Fewest periods in the longest session that show a disturbance of its own frequency.
+const PERIODS: f64 = 5.0;
+
+/// Correlation of a pressure with itself, one period on, from which a drive repeats.
+const REPEATS: f64 = 0.95;
+
+/// Highest multiple of the drive's frequency that is compared.
+const HARMONICS: usize = 5;
+
+/// Why a structure is not named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// A parameter of an effect ended at a bound of its range.
+    AtBound,
+    /// The interval of an effect's size holds zero.
+    Undetermined,
+    /// The recordings hold few periods of it.
+    FewPeriods,
+    /// Softening by the largest stretch so far, and no session loads a second time: then it is
+    /// a difference between loading and unloading, which friction, creep and lag make as well.
+    LoadedOnce,
+    /// Its line is a multiple of the drive's own frequency.
+    Drive,
+    /// An offset of the sensor beside an actuator that creeps: the rest that it was taken from
+    /// still moved.
+    CreepingRest,
+}
+
+impl Doubt {
+    /// Whether it follows the shape of the recorded runs, and is no rival of an effect that
+    /// can be named.
+    pub const fn is_of_the_runs(self) -> bool {
+        matches!(self, Self::FewPeriods | Self::Drive)
+    }
+
+    /// The first that applies.
+    pub fn of(candidate: &Candidate, data: &Dataset) -> Option<Self> {
+        let effects = Effects { candidate };
+        if effects.any_at_bound() {
+            Some(Self::AtBound)
+        } else if !effects.are_determined() {
+            Some(Self::Undetermined)
+        } else if effects.any_doubtful(Doubtful::LoadedOnce) && !is_loaded_again(data) {
+            Some(Self::LoadedOnce)
+        } else if effects.stand_beside_a_cause() {
+            Some(Self::CreepingRest)
+        } else {
+            effects
+                .frequencies()
+                .find_map(|(kind, frequency)| of_line(kind, frequency, data))
+        }
+    }
+}
+
+/// The added effects of a structure.
+struct Effects<'a> {
+    candidate: &'a Candidate,
+}
+
+impl Effects<'_> {
+    /// The free parameters of the added effects: place among the free ones, effect, row.
+    fn parameters(&self) -> impl Iterator<Item = (usize, usize, &'static str, Unit)> {
+        let Candidate { added, fit, .. } = self.candidate;
+        let first = fit.model.effects().count() - added.len();
+        fit.free.iter().enumerate().filter_map(move |(place, &id)| {
+            let ParameterId::Effect { slot, parameter } = id else {
+                return None;
+            };
+            let effect = slot.checked_sub(first)?;
+            let row = added.get(effect)?.parameters().get(parameter)?;
+            Some((place, effect, row.key, row.unit))
+        })
+    }
+
+    fn any_doubtful(&self, when: Doubtful) -> bool {
+        let mut added = self.candidate.added.iter();
+        added.any(|kind| kind.info().doubtful.contains(&when))
+    }
+
+    /// Whether one of them is no name beside another.
+    fn stand_beside_a_cause(&self) -> bool {
+        let mut added = self.candidate.added.iter();
+        added.any(|&kind| self.any_doubtful(Doubtful::Beside(kind)))
+    }
+
+    fn any_at_bound(&self) -> bool {
+        self.parameters()
+            .any(|(place, ..)| self.candidate.fit.at_bound(place))
+    }
+
+    /// Whether the size at a place among the free parameters is not zero: its interval, or that
+    /// of its ratio to the stiffness or the input gain, excludes zero.
+    fn excludes_zero(&self, place: usize, unit: Unit) -> bool {
+        let fit = &self.candidate.fit;
+        let alone = fit.interval95(place);
+        if alone.is_some_and(|(low, high)| low > 0.0 || high < 0.0) {
+            return true;
+        }
+        let is_force = |id| matches!(id, ParameterId::Stiffness | ParameterId::InputGain);
+        unit.is_force()
+            && fit.free.iter().enumerate().any(|(other, &id)| {
+                is_force(id)
+                    && !fit.at_bound(other)
+                    && fit.ratio_within95(place, other).is_some_and(|it| it < 1.0)
+            })
+    }
+
+    /// Whether every effect with free parameters has a size that is not zero.
+    fn are_determined(&self) -> bool {
+        (0..self.candidate.added.len()).all(|effect| {
+            let own = || self.parameters().filter(move |it| it.1 == effect);
+            let sizes = || own().filter(|(_, _, key, unit)| is_size(key, *unit));
+            let excludes_zero =
+                |(place, .., unit): (usize, usize, &str, Unit)| self.excludes_zero(place, unit);
+            if sizes().next().is_some() {
+                sizes().any(excludes_zero)
+            } else {
+                own().next().is_none() || own().any(excludes_zero)
+            }
+        })
+    }
+
+    /// The frequencies (Hz) of effects that swing.
+    fn frequencies(&self) -> impl Iterator<Item = (Kind, f64)> {
+        let Candidate { added, fit, .. } = self.candidate;
+        self.parameters()
+            .filter(|(_, _, _, unit)| *unit == Unit::Hertz)
+            .filter_map(move |(place, effect, ..)| {
+                let value = fit.model.value(*fit.free.get(place)?)?;
+                Some((*added.get(effect)?, value))
+            })
+    }
+}
+
+/// Whether an effect is absent where this parameter is zero.
+fn is_size(key: &str, unit: Unit) -> bool {
+    let is_shape = matches!(key, "damping_ratio" | "shape");
+    let is_place = matches!(
+        unit,
+        Unit::Hertz | Unit::Second | Unit::Radian | Unit::RadianPerSecond
+    );
+    !is_place && !is_shape
+}
+
+/// The doubt about a line of this frequency (Hz).
+fn of_line(kind: Kind, frequency: f64, data: &Dataset) -> Option<Doubt> {
+    let longest = data
+        .sessions()
+        .iter()
+        .map(|session| session.recording().duration())
+        .fold(0.0, f64::max);
+    let is_a_curve = kind.info().doubtful.contains(&Doubtful::FewPeriods);
+    if is_a_curve && frequency * longest < PERIODS {
+        return Some(Doubt::FewPeriods);
+    }
+    data.sessions()
+        .iter()
+        .any(|session| {
+            let recording = session.recording();
+            let samples = 1.0 / (frequency * recording.interval());
+            moves(&recording.time, &recording.pressure)
+                && (1..=HARMONICS)
+                    .any(|multiple| repeats(&recording.pressure, multiple as f64 * samples))
+        })
+        .then_some(Doubt::Drive)
+}
+
+/// Whether a series repeats after this many samples, and not after a part of them.
+fn repeats(series: &[f64], period: f64) -> bool {
+    /// A period divided by one of these is shorter; other parts are parts of those.
+    const PARTS: [f64; 3] = [2.0, 3.0, 5.0];
+    // A few thousand samples.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let lag = |samples: f64| samples.round().max(1.0) as usize;
+    let repeats = |samples: f64| {
+        2 * lag(samples) <= series.len() && correlation(series, lag(samples)) >= REPEATS
+    };
+    repeats(period) && !PARTS.iter().any(|part| repeats(period / part))
+}
+
+/// Correlation of a series with itself, `lag` samples on.
+fn correlation(series: &[f64], lag: usize) -> f64 {
+    let (early, late) = (&series[..series.len() - lag], &series[lag..]);
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    let (a, b) = (mean(early), mean(late));
+    let (mut both, mut first, mut second) = (0.0, 0.0, 0.0);
+    for (x, y) in early.iter().zip(late) {
+        both += (x - a) * (y - b);
+        first += (x - a) * (x - a);
+        second += (y - b) * (y - b);
+    }
+    if first > 0.0 && second > 0.0 {
+        both / (first * second).sqrt()
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use softrig_formats::recording::Recording;
+
+    fn driven(pressure: impl Fn(f64) -> f64) -> Dataset {
+        let time: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
+        let pressure: Vec<f64> = time.iter().map(|&t| pressure(t)).collect();
+        let angle = pressure.iter().map(|p| 1e-5 * p).collect();
+        Dataset::of(&[Recording {
+            path: "a.csv".into(),
+            time,
+            pressure,
+            angle,
+            ..Recording::default()
+        }])
+    }
+
+    /// A sine of 0.4 Hz makes lines at its multiples; a stair has none of its own.
+    #[test]
+    fn a_line_at_a_multiple_of_the_drive_is_the_drives() {
+        let sine = driven(|t| 2e4 * (1.0 + (std::f64::consts::TAU * 0.4 * t).sin()));
+        let of = |frequency| of_line(Kind::SecondMode, frequency, &sine);
+        assert_eq!([0.4, 0.8, 1.2].map(of), [Some(Doubt::Drive); 3]);
+        assert_eq!([0.53, 0.9, 1.37].map(of), [None; 3]);
+        let stair = driven(|t| 1e4 * (t / 4.0).floor());
+        assert_eq!(of_line(Kind::SecondMode, 1.2, &stair), None);
+    }
+
+    /// Twenty seconds hold two periods of a tenth of a hertz, and eight of four tenths.
+    #[test]
+    fn a_few_swings_are_a_curve() {
+        let stair = driven(|t| 1e4 * (t / 4.0).floor());
+        let of = |frequency| of_line(Kind::PeriodicDisturbance, frequency, &stair);
+        assert_eq!(of(0.1), Some(Doubt::FewPeriods));
+        assert_eq!(of(0.4), None);
+        assert_eq!(of_line(Kind::SecondMode, 0.15, &stair), None);
+    }
+}
