@@ -195,7 +195,7 @@ mod tests {
         let runs = [swing];
         assert_eq!(unmet(&runs, Kind::CoulombFriction), None);
         assert_eq!(unmet(&runs, Kind::PneumaticLag), Some(Need::Drive));
-        assert_eq!(unmet(&runs, Kind::InputBacklash), Some(Need::Reversal));
+        assert_eq!(unmet(&runs, Kind::InputBacklash), Some(Need::Drive));
     }
 
     /// Noise alone turns back all the time.
