@@ -221,6 +221,57 @@ impl<const N: usize> Power<Dual<N>> for Exact {
     }
 }
 
+/// Scalars that recorded numbers can become.
+pub trait FromF64: Real {
+    /// Converts a recorded number.
+    fn from_f64(value: f64) -> Self;
+    /// The value, without derivatives.
+    fn to_f64(self) -> f64;
+    /// A function of this number, by its value and its slope there (the chain rule).
+    fn chain(self, value: f64, slope: f64) -> Self;
+    /// Whether numbers of this kind carry derivatives.
+    const HAS_DERIVATIVES: bool = false;
+}
+
+impl FromF64 for f64 {
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+    fn to_f64(self) -> f64 {
+        self
+    }
+    fn chain(self, value: f64, _slope: f64) -> Self {
+        value
+    }
+}
+
+impl FromF64 for f32 {
+    #[allow(clippy::cast_possible_truncation)]
+    fn from_f64(value: f64) -> Self {
+        value as f32
+    }
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+    #[allow(clippy::cast_possible_truncation)]
+    fn chain(self, value: f64, _slope: f64) -> Self {
+        value as f32
+    }
+}
+
+impl<const N: usize> FromF64 for Dual<N> {
+    fn from_f64(value: f64) -> Self {
+        Self::constant(value)
+    }
+    fn to_f64(self) -> f64 {
+        self.value()
+    }
+    fn chain(self, value: f64, slope: f64) -> Self {
+        Self::chain(self, value, slope)
+    }
+    const HAS_DERIVATIVES: bool = true;
+}
+
 #[cfg(test)]
 #[expect(clippy::float_cmp, reason = "these derivatives are exact")]
 mod tests {
@@ -300,55 +351,4 @@ mod tests {
             prop_assert!((slope - expected).abs() < 1e-12 * (1.0 + expected.abs()));
         }
     }
-}
-
-/// Scalars that recorded numbers can become.
-pub trait FromF64: Real {
-    /// Converts a recorded number.
-    fn from_f64(value: f64) -> Self;
-    /// The value, without derivatives.
-    fn to_f64(self) -> f64;
-    /// A function of this number, by its value and its slope there (the chain rule).
-    fn chain(self, value: f64, slope: f64) -> Self;
-    /// Whether numbers of this kind carry derivatives.
-    const HAS_DERIVATIVES: bool = false;
-}
-
-impl FromF64 for f64 {
-    fn from_f64(value: f64) -> Self {
-        value
-    }
-    fn to_f64(self) -> f64 {
-        self
-    }
-    fn chain(self, value: f64, _slope: f64) -> Self {
-        value
-    }
-}
-
-impl FromF64 for f32 {
-    #[allow(clippy::cast_possible_truncation)]
-    fn from_f64(value: f64) -> Self {
-        value as f32
-    }
-    fn to_f64(self) -> f64 {
-        f64::from(self)
-    }
-    #[allow(clippy::cast_possible_truncation)]
-    fn chain(self, value: f64, _slope: f64) -> Self {
-        value as f32
-    }
-}
-
-impl<const N: usize> FromF64 for Dual<N> {
-    fn from_f64(value: f64) -> Self {
-        Self::constant(value)
-    }
-    fn to_f64(self) -> f64 {
-        self.value()
-    }
-    fn chain(self, value: f64, slope: f64) -> Self {
-        Self::chain(self, value, slope)
-    }
-    const HAS_DERIVATIVES: bool = true;
 }
