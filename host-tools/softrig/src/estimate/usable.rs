@@ -10,7 +10,8 @@
 //! | pressure at the end of its range, shortly | simulated as recorded; the angle is not fitted until a second after |
 //! | pressure at the end of its range, longer | cut: a new block begins after it |
 //! | short gap in time | the pressure is interpolated |
-//! | long gap in time | cut: a new block begins after it |
+//! | longer gap in time, and the pressure is a straight line over so long a time where it is known | the pressure is interpolated |
+//! | longer gap in time | cut: a new block begins after it |
 //! | clock that begins again | cut: a new block begins there |
 //! | clock that jitters | reported; the model is integrated with the recorded times |
 //! | block too short to show a motion | left out |
@@ -19,7 +20,9 @@
 use std::ops::Range;
 
 use super::let_go::{Handled, handled};
-use crate::statistics::{clipped, median, quantisation_step, rms, same, standard_deviation};
+use crate::statistics::{
+    clipped, median, noise, quantisation_step, rms, same, standard_deviation, swing,
+};
 use softrig_formats::error::InputError;
 use softrig_formats::left_out::LeftOut;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
@@ -55,6 +58,23 @@ const BRIDGED_S: f64 = 0.25;
 
 /// The same in nominal intervals, for slow sampling: two samples lost in a row.
 const BRIDGED_INTERVALS: f64 = 3.0;
+
+/// A longer gap is bridged as well if a straight line across it misses the pressure by no more than
+/// this share of its range beyond its noise, in the mean: half of what a model may be off without
+/// it mattering.
+const FOLLOWED: f64 = 0.005;
+
+/// … in this share of the windows of the recording that are as long and change as much.
+const FOLLOWED_IN: f64 = 0.95;
+
+/// Windows change as much if their ends differ by as much, within this share of the range.
+const ALIKE: f64 = 0.05;
+
+/// Fewest such windows that say what the pressure does in so long a time.
+const FEWEST_WINDOWS: usize = 20;
+
+/// Most windows that are looked at for a gap.
+const MOST_WINDOWS: usize = 1_000;
 
 /// An interval longer than so many nominal ones counts as missing samples, if the clock
 /// is even.
@@ -383,6 +403,41 @@ impl Rests {
     }
 }
 
+/// Whether the pressure across the gap before a sample is known although nobody recorded it: in
+/// windows of the recording that are as long and change as much, a straight line from end to end is as
+/// good as what was recorded. Windows have no gap that is not `bridged` (s).
+fn is_followed(recording: &Recording, sample: usize, bridged: f64) -> bool {
+    let (time, pressure) = (&recording.time, &recording.pressure);
+    let length = time[sample] - time[sample - 1];
+    let change = pressure[sample] - pressure[sample - 1];
+    let range = swing(pressure);
+    let every = recording.len().div_ceil(MOST_WINDOWS).max(1);
+    let mut missed: Vec<f64> = (0..recording.len())
+        .step_by(every)
+        .filter_map(|first| {
+            let last = first + time[first..].partition_point(|t| t - time[first] < length);
+            let ends = [*pressure.get(first)?, *pressure.get(last)?];
+            let is_whole = (first + 1..=last)
+                .all(|k| time[k] - time[k - 1] <= bridged && !recording.is_break(k));
+            let is_alike = (ends[1] - ends[0] - change).abs() <= ALIKE * range;
+            (is_whole && is_alike && last > first + 1).then(|| {
+                let slope = (ends[1] - ends[0]) / (time[last] - time[first]);
+                let line = |k: usize| ends[0] + slope * (time[k] - time[first]);
+                let inner = first + 1..last;
+                let count = inner.len() as f64;
+                inner.map(|k| pressure[k] - line(k)).sum::<f64>().abs() / count
+            })
+        })
+        .collect();
+    missed.sort_unstable_by(f64::total_cmp);
+    // The place of the quantile, a count of windows.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    let place = (FOLLOWED_IN * missed.len() as f64) as usize;
+    // Both ends of a line have noise: of its mean, two standard deviations are at most twice that.
+    let most = libm::hypot(FOLLOWED * range, 2.0 * noise(time, pressure));
+    missed.len() >= FEWEST_WINDOWS && missed.get(place).is_some_and(|it| *it <= most)
+}
+
 /// The sampling of a recording.
 struct Clock {
     /// Samples after gaps that are too long to interpolate.
@@ -417,22 +472,24 @@ impl Clock {
         let bridged = BRIDGED_S.max(BRIDGED_INTERVALS * usual);
         let is_gap = |step: f64| step > even * usual;
         // A limit of exactly three intervals is met up to rounding.
-        let is_cut = |step: f64| step > bridged * (1.0 + 1e-6);
+        let bridged = bridged * (1.0 + 1e-6);
+        let cuts: Vec<usize> = steps()
+            .filter(|(k, step)| *step > bridged && !is_followed(recording, *k, bridged))
+            .map(|(k, _)| k)
+            .collect();
+        let is_cut = |k: usize| cuts.binary_search(&k).is_ok();
         let without_gaps: Vec<f64> = steps()
-            .filter(|(_, step)| !is_gap(*step) && !is_cut(*step))
+            .filter(|(k, step)| !is_gap(*step) && !is_cut(*k))
             .map(|(_, step)| step / usual - 1.0)
             .collect();
         Self {
-            cuts: steps()
-                .filter(|(_, step)| is_cut(*step))
-                .map(|(k, _)| k)
-                .collect(),
             missing: steps()
-                .filter(|(_, step)| is_gap(*step) && !is_cut(*step))
+                .filter(|(k, step)| is_gap(*step) && !is_cut(*k))
                 .map(|(_, step)| (step / usual).round() - 1.0)
                 .sum(),
             longest_s: steps().map(|(_, step)| step).fold(0.0, f64::max),
             jitter: rms(&without_gaps),
+            cuts,
         }
     }
 
@@ -844,6 +901,40 @@ mod tests {
         assert_eq!(usable(&lost_two).unwrap().blocks.len(), 1);
         let lost_three = keep(&slow, |k| !(70..73).contains(&k));
         assert_eq!(usable(&lost_three).unwrap().blocks.len(), 2);
+    }
+
+    /// What the pressure does in a gap is known from what it does in as long a time elsewhere.
+    #[test]
+    fn a_longer_gap_is_bridged_where_nothing_happens_in_so_long_a_time() {
+        let mut random = rand_pcg::Pcg64Mcg::seed_from_u64(9);
+        let mut driven = |pressure: &dyn Fn(f64) -> f64| {
+            let mut recording = recording();
+            for (pa, time) in recording.pressure.iter_mut().zip(&recording.time) {
+                *pa = pressure(*time) + random.random_range(-300.0..300.0);
+            }
+            recording
+        };
+        let without = |range: Range<usize>, recording: &Recording| {
+            usable(&keep(recording, |k| !range.contains(&k)))
+                .unwrap()
+                .blocks
+                .len()
+        };
+        // Steps of ten seconds, and pulses of one.
+        let steps = driven(&|t| 20e3 * (t / 10.0).floor());
+        let pulses = driven(&|t| 20e3 * t.floor().rem_euclid(2.0));
+        let gap = 1_400..1_580;
+        assert_eq!(without(gap.clone(), &steps), 1);
+        assert_eq!(without(gap, &pulses), 2);
+        // Where a step was in the gap, nobody knows when.
+        assert_eq!(without(1_900..2_080, &steps), 2);
+        // A third of slow samples is missing, four in a row at times.
+        let slow = keep(&steps, |k| k % 20 == 0);
+        let chance: Vec<bool> = (0..slow.len()).map(|_| random.random_bool(0.67)).collect();
+        let lossy = keep(&slow, |k| chance[k]);
+        let longest = lossy.time.windows(2).map(|pair| pair[1] - pair[0]);
+        assert!(longest.fold(0.0, f64::max) > 0.7, "no long gap was drawn");
+        assert_eq!(usable(&lossy).unwrap().blocks.len(), 1);
     }
 
     #[test]
