@@ -39,7 +39,7 @@ const BEYOND_THE_BASE_MODEL: [(&str, f64); 8] = [
     ("real/silicone_beam", 1.12),
     ("real/soft_arm_onset", 1.13),
     ("real/soft_chamber_pump", 1.34),
-    ("rigs/cavatappi_long", 1.46),
+    ("rigs/cavatappi_long", 1.47),
     ("rigs/cdip", 1.05),
     ("rigs/qiao_step20", 1.06),
     ("rigs/rlc_step", 1.37),

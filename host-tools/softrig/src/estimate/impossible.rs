@@ -160,8 +160,6 @@ struct Signal<'a> {
     range: [f64; 2],
     /// Usual distance of a sample from its neighbours.
     usual: f64,
-    /// What nearly all changes from one sample to the next stay below.
-    change: f64,
     /// Whether it is a recorded command: it stands still to the last digit, and jumps.
     is_command: bool,
 }
@@ -195,7 +193,6 @@ impl<'a> Signal<'a> {
             values,
             range,
             usual,
-            change: part_of(&self::sorted(changes()), 0.99),
             is_command: channel == Channel::Pressure && stands_still && lasting > JUMP * size,
         }
     }
@@ -252,9 +249,20 @@ impl<'a> Signal<'a> {
         stretches(&bad)
     }
 
+    /// What nearly all changes from one of the `kept` samples to the next stay below. The two largest
+    /// do not count: a run that is asked about makes two, which are many in a short recording.
+    fn change(&self, kept: &[usize]) -> f64 {
+        let changes = kept.windows(2);
+        let changes = changes.map(|pair| (self.values[pair[1]] - self.values[pair[0]]).abs());
+        let mut changes = sorted(changes);
+        changes.truncate(changes.len().saturating_sub(2));
+        part_of(&changes, 0.99)
+    }
+
     /// Up to [`ISOLATED`] of the `kept` samples in a row that stand out from two on both sides,
     /// which agree with each other.
     fn standing_out(&self, kept: &[usize]) -> impl Iterator<Item = usize> {
+        let change = self.change(kept);
         (1..=ISOLATED).flat_map(move |run| {
             kept.windows(4 + run)
                 .flat_map(move |w| {
@@ -265,7 +273,7 @@ impl<'a> Signal<'a> {
                         .reduce(nearer_to_zero)
                         .unwrap_or(0.0);
                     // More than one sample may be a motion, if there are others as fast.
-                    let others = if run > 1 { self.change } else { 0.0 };
+                    let others = if run > 1 { change } else { 0.0 };
                     let stands_out = least.abs() > FAR * self.usual
                         && least.abs() > APART * around.apart.max(others);
                     w[2..2 + run].iter().copied().filter(move |_| stands_out)
@@ -336,14 +344,16 @@ impl<'a> Signal<'a> {
         let values: Vec<f64> = kept.iter().map(|&k| self.values[k]).collect();
         let runs: Vec<Range<usize>> = equal_runs(&values).collect();
         let longest_by_chance = Self::longest_by_chance(&runs, values.len());
+        // The step from one sample to the next that no motion makes.
+        let limit = (FAR * self.usual).max(APART * self.change(kept));
         let is_stuck = |run: &Range<usize>| -> Option<(Range<usize>, Why)> {
             let value = values[run.start];
             let left = values.get(run.end)? - value;
             let entered = run.start.checked_sub(1).map(|k| value - values[k]);
-            if left.abs() <= self.limit() {
+            if left.abs() <= limit {
                 return None;
             }
-            if entered.is_some_and(|entered| self.goes_and_comes(entered, left))
+            if entered.is_some_and(|entered| self.goes_and_comes(entered, left, limit))
                 && !run.clone().any(|k| excused(kept[k]))
             {
                 return Some((run.clone(), Why::Repeated));
@@ -363,11 +373,11 @@ impl<'a> Signal<'a> {
     }
 
     /// Whether a value was entered and left by steps that no other sample makes, there and back.
-    fn goes_and_comes(&self, entered: f64, left: f64) -> bool {
+    fn goes_and_comes(&self, entered: f64, left: f64, limit: f64) -> bool {
         let [larger, smaller] = [entered.abs().max(left.abs()), entered.abs().min(left.abs())];
         !self.is_command
             && entered * left < 0.0
-            && smaller > self.limit()
+            && smaller > limit
             && larger - smaller < 0.5 * larger
     }
 
@@ -380,11 +390,6 @@ impl<'a> Signal<'a> {
         let by_chance = libm::log(samples as f64) / -libm::log(share.max(1e-3));
         let is_noisy = share <= QUIET && 2 * in_short >= samples;
         is_noisy.then(|| (APART * (by_chance + 1.0)).max(FROZEN as f64 - 1.0))
-    }
-
-    /// The step from one sample to the next that no motion makes.
-    fn limit(&self) -> f64 {
-        (FAR * self.usual).max(APART * self.change)
     }
 
     /// Samples that stand out and are believed: pulses that happened.
@@ -630,6 +635,23 @@ mod tests {
             wild.angle[sample + 31] = -9_999.0;
         }
         assert_eq!(found(&wild, Channel::Angle).len(), 10);
+    }
+
+    /// Two wild samples in a row make one in fifty of the changes of a short recording.
+    #[test]
+    fn runs_are_found_in_short_recordings() {
+        let whole = steps(0.01);
+        for run in [1, 2, 3] {
+            let mut short = whole.slice(&(600..750));
+            short.angle[80..80 + run].fill(0.0);
+            short.angle[120] = 0.0;
+            assert_eq!(
+                found(&short, Channel::Angle),
+                [(80, run), (120, 1)],
+                "{run} in a row"
+            );
+        }
+        assert_eq!(found(&whole.slice(&(600..750)), Channel::Angle), []);
     }
 
     /// A rest of a converter without noise lies between them.

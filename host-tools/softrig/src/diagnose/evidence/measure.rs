@@ -330,6 +330,13 @@ pub fn excess(error: f64, noise: f64, policy: &Policy) -> f64 {
     (error * error - noise * noise).max(least * least).sqrt()
 }
 
+/// What a structure leaves beyond the noise (rad), on fitted segments or on held-out ones, whichever is
+/// more.
+pub fn leaves_beyond(errors: [f64; 2], noise: f64) -> f64 {
+    let beyond = errors.map(|error| excess(error, noise, &Policy::STANDARD));
+    beyond[0].max(beyond[1])
+}
+
 fn of_shares(shares: [f64; 3]) -> Closure {
     let [short, medium, full] = shares.map(|share| 1.0 - share);
     Closure {

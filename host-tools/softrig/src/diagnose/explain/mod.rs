@@ -14,7 +14,7 @@ use super::decide::verdict::{
     Adequacy, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place, Remaining,
     Repair, SCHEMA, Verdict,
 };
-use super::evidence::measure::Closure;
+use super::evidence::measure::{Closure, leaves_beyond};
 use super::evidence::validation::HeldOut;
 use super::experiment::plan::{Limits, Proposal, propose, work_min};
 use super::fit::candidates::{Candidate, Untried};
@@ -232,10 +232,10 @@ impl Diagnosis {
         }
     }
 
-    /// What the refitted model leaves beyond the noise on held-out segments (rad).
+    /// What the refitted model leaves beyond the noise (rad), as the answer is made by it.
     pub fn beyond_noise(&self) -> f64 {
-        let HeldOut { refit, floor, .. } = self.held_out;
-        (refit * refit - floor * floor).max(0.0).sqrt()
+        let errors = [self.refit.rmse(), self.held_out.refit];
+        leaves_beyond(errors, self.floor.total())
     }
 
     /// The repair without a name.

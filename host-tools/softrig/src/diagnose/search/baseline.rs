@@ -6,7 +6,7 @@
 use model_core::actuator::Model;
 
 use crate::diagnose::decide::Remains;
-use crate::diagnose::evidence::measure::excess;
+use crate::diagnose::evidence::measure::leaves_beyond;
 use crate::diagnose::evidence::validation::CrossValidator;
 use crate::diagnose::fit::candidates::Candidate;
 use crate::diagnose::fit::identifiability::{self, Identifiability, Refitted};
@@ -150,15 +150,11 @@ impl Baseline {
     /// Whether nothing that no effect explains matters: the refit leaves less than the
     /// tolerance beyond the noise, fitted and held out.
     pub fn immaterial(&self, validator: &CrossValidator<'_>) -> Option<Remains> {
-        let noise = self.floor.total();
         let errors = [self.refit.fit.rmse(), validator.error_of(&self.refit)];
-        let tolerance = tolerance(&self.data);
-        errors
-            .into_iter()
-            .all(|error| excess(error, noise, &Policy::STANDARD) <= tolerance)
-            .then(|| Remains::Little {
-                refitted: self.were_parameters_off(validator),
-            })
+        let left = leaves_beyond(errors, self.floor.total());
+        (left <= tolerance(&self.data)).then(|| Remains::Little {
+            refitted: self.were_parameters_off(validator),
+        })
     }
 
     /// Whether the parameters were off: those that do not help on held-out segments were not.
