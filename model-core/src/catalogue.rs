@@ -573,6 +573,16 @@ mod tests {
         assert_eq!(Kind::from_name("warp_drive"), None);
     }
 
+    /// A state without a name would be lost where a model is exported.
+    #[test]
+    fn what_has_a_state_names_it() {
+        for &kind in Kind::NAMES {
+            let effect = kind.build(&[0.5; 8][..kind.parameter_count()]).unwrap();
+            let has_state = Mechanism::<f64>::integrates(&effect) || effect.has_memory();
+            assert_eq!(has_state, !kind.info().states.is_empty(), "{kind:?}");
+        }
+    }
+
     #[test]
     fn what_a_longer_tube_slows_down_is_said_to_be_slower() {
         for &kind in Kind::NAMES {

@@ -17,6 +17,7 @@
 //! | block too short to show a motion | left out |
 //! | nothing left | refused |
 
+use std::cell::LazyCell;
 use std::ops::Range;
 
 use super::let_go::{Handled, handled};
@@ -406,11 +407,10 @@ impl Rests {
 /// Whether the pressure across the gap before a sample is known although nobody recorded it: in
 /// windows of the recording that are as long and change as much, a straight line from end to end is as
 /// good as what was recorded. Windows have no gap that is not `bridged` (s).
-fn is_followed(recording: &Recording, sample: usize, bridged: f64) -> bool {
+fn is_followed(recording: &Recording, sample: usize, bridged: f64, within: &Within) -> bool {
     let (time, pressure) = (&recording.time, &recording.pressure);
     let length = time[sample] - time[sample - 1];
     let change = pressure[sample] - pressure[sample - 1];
-    let range = swing(pressure);
     let every = recording.len().div_ceil(MOST_WINDOWS).max(1);
     let mut missed: Vec<f64> = (0..recording.len())
         .step_by(every)
@@ -419,7 +419,7 @@ fn is_followed(recording: &Recording, sample: usize, bridged: f64) -> bool {
             let ends = [*pressure.get(first)?, *pressure.get(last)?];
             let is_whole = (first + 1..=last)
                 .all(|k| time[k] - time[k - 1] <= bridged && !recording.is_break(k));
-            let is_alike = (ends[1] - ends[0] - change).abs() <= ALIKE * range;
+            let is_alike = (ends[1] - ends[0] - change).abs() <= within.alike;
             (is_whole && is_alike && last > first + 1).then(|| {
                 let slope = (ends[1] - ends[0]) / (time[last] - time[first]);
                 let line = |k: usize| ends[0] + slope * (time[k] - time[first]);
@@ -433,9 +433,27 @@ fn is_followed(recording: &Recording, sample: usize, bridged: f64) -> bool {
     // The place of the quantile, a count of windows.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     let place = (FOLLOWED_IN * missed.len() as f64) as usize;
-    // Both ends of a line have noise: of its mean, two standard deviations are at most twice that.
-    let most = libm::hypot(FOLLOWED * range, 2.0 * noise(time, pressure));
-    missed.len() >= FEWEST_WINDOWS && missed.get(place).is_some_and(|it| *it <= most)
+    missed.len() >= FEWEST_WINDOWS && missed.get(place).is_some_and(|it| *it <= within.followed)
+}
+
+/// Within what a pressure (Pa) counts as the same, in a recording.
+struct Within {
+    /// A change from end to end.
+    alike: f64,
+    /// A mean.
+    followed: f64,
+}
+
+impl Within {
+    fn of(recording: &Recording) -> Self {
+        let range = swing(&recording.pressure);
+        let noise = noise(&recording.time, &recording.pressure);
+        Self {
+            alike: ALIKE * range,
+            // Both ends of a line have noise: of its mean, two standard deviations are at most twice that.
+            followed: libm::hypot(FOLLOWED * range, 2.0 * noise),
+        }
+    }
 }
 
 /// The sampling of a recording.
@@ -473,8 +491,9 @@ impl Clock {
         let is_gap = |step: f64| step > even * usual;
         // A limit of exactly three intervals is met up to rounding.
         let bridged = bridged * (1.0 + 1e-6);
+        let within = LazyCell::new(|| Within::of(recording));
         let cuts: Vec<usize> = steps()
-            .filter(|(k, step)| *step > bridged && !is_followed(recording, *k, bridged))
+            .filter(|(k, step)| *step > bridged && !is_followed(recording, *k, bridged, &within))
             .map(|(k, _)| k)
             .collect();
         let is_cut = |k: usize| cuts.binary_search(&k).is_ok();
