@@ -314,7 +314,7 @@ fn from_truth(kind: Kind, truth: &Model<f64>, file: &ModelFile, diagnosis: &Diag
 /// The place of an effect by the score, as the search sees it first.
 fn rank(kind: Kind, file: &ModelFile, diagnosis: &Diagnosis) -> Option<usize> {
     let fitter = Fitter::new(&diagnosis.refit.model, &diagnosis.data);
-    let (kinds, _) = applicable(&file.model, &[], &fitter);
+    let (kinds, _) = applicable(&file.model, &[], &[], &fitter);
     let scales = Scales::of(&fitter, &diagnosis.refit);
     let fits = [&diagnosis.refit, &diagnosis.nominal];
     let guesses = Guesses::of(&fitter, fits, diagnosis.floor.white, &kinds, &scales);

@@ -110,6 +110,8 @@ fn ask(question: &Question) -> Result<Answer, InputError> {
         recordings: &recordings,
         holdout: &holdout,
         own: None,
+        formulas: true,
+        without: &[],
         seed: question.seed,
     };
     let diagnosis = diagnose(&request, &Job::default())?;

@@ -433,9 +433,16 @@ class _NamedEffect:
     parameters: dict[str, float]
     interval95: dict[str, list[float]]
     probability: float
+    formula: str | None
+    """A force that no effect of the catalogue makes."""
+    title: str | None
+    """What that is, in words."""
+    alike: list[str]
+    """Other formulas that push alike in these recordings."""
 
 class _Alternative:
     kinds: list[str]
+    formulas: list[str]
     probability: float
     delta_bic: float
 
@@ -463,6 +470,13 @@ class _Place:
     feature: str
     share_of_gap: float
     text: str
+
+class _Step:
+    feature: str
+    measured: float
+    simulated: float
+    steps: int
+    alike: int
 
 class _FittedError:
     nominal: float
@@ -517,6 +531,7 @@ class _Verdict:
     remaining: _Remaining
     repair: _Repair | None
     places: list[_Place]
+    steps: list[_Step]
     rmse_deg: _FittedError
     holdout_rmse_deg: _HeldOutError
     nuisance: _Zeros
@@ -628,6 +643,7 @@ def diagnose(
     *,
     holdout: _Recordings | None = None,
     effects: _Path | None = None,
+    formulas: bool = True,
     seed: int = 1,
     progress: Callable[[Progress], object] | None = None,
     threads: int | None = None,
@@ -639,7 +655,8 @@ def diagnose(
     Without ``holdout`` the runs are left out in turn for validation. ``progress`` is called a
     few times a second; ``print`` will do. ``resume`` is a folder that keeps finished fits, so
     that an interrupted diagnosis can go on. ``effects`` is a file of your own effects by
-    formula, which are tried beside the catalogue. After ``budget_s`` seconds the search ends
+    formula, which are tried beside the catalogue. Where no effect is enough, formulas are tried
+    that nobody wrote, unless ``formulas`` is False. After ``budget_s`` seconds the search ends
     with an answer from what was tried until then."""
 
 class _Row(TypedDict):
@@ -698,6 +715,7 @@ def batch(
     jobs: int = 1,
     resume: bool = True,
     effects: _Path | None = None,
+    formulas: bool = True,
     seed: int = 1,
     progress: Callable[[Progress], object] | None = None,
     threads: int | None = None,

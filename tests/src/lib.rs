@@ -103,6 +103,8 @@ impl Case {
             recordings: &self.recordings,
             holdout: &self.holdout,
             own: None,
+            formulas: true,
+            without: &[],
             seed: 1,
         };
         diagnose(&request, &Job::default()).unwrap()

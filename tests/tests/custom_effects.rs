@@ -68,6 +68,7 @@ fn diagnosed(example: &Example, own: Option<&OwnEffects>) -> (Diagnosis, Value, 
         .collect();
     let request = Request {
         own,
+        formulas: false,
         ..Request::of(&file, &recordings)
     };
     let diagnosis = diagnose(&request, &Job::default()).unwrap();

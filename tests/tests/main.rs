@@ -3,6 +3,7 @@
 mod custom_effects;
 mod documents;
 mod firmware_in_simulator;
+mod formulas;
 mod hardware;
 mod identification;
 mod materials;

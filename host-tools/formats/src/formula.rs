@@ -18,6 +18,8 @@
 use model_core::effects::custom::{Binary, Instruction, MAX_RESULTS, Operand, Program, Unary};
 use model_core::effects::table::Variable;
 
+use crate::numbers::short;
+
 /// The most characters of a formula.
 pub const LONGEST: usize = 1_000;
 
@@ -175,6 +177,36 @@ impl Formula {
         let instructions = Box::leak(self.instructions.into_boxed_slice());
         Program::new(instructions, self.result, self.parameters)
     }
+}
+
+/// A formula with numbers in place of its parameters, in three digits: `0.012*p*tanh(w/0.05)`.
+/// What is no formula comes back as it is.
+pub fn with_values(text: &str, values: &[(&str, f64)]) -> String {
+    let Ok(tokens) = tokens(text) else {
+        return text.to_owned();
+    };
+    let mut shown = String::new();
+    let mut copied = 0;
+    for (at, token) in tokens {
+        let Token::Name(name) = token else {
+            continue;
+        };
+        let Some((_, value)) = values.iter().find(|(known, _)| *known == name) else {
+            continue;
+        };
+        shown += &text[copied..at];
+        // With a sign that a formula can have.
+        let number = short(*value).replace('\u{2212}', "-");
+        // Only at the beginning a sign needs no parentheses.
+        let is_first = shown.is_empty();
+        shown += &if number.starts_with('-') && !is_first {
+            format!("({number})")
+        } else {
+            number
+        };
+        copied = at + name.len();
+    }
+    shown + &text[copied..]
 }
 
 /// Whether a name is one that a parameter can have.
@@ -763,6 +795,11 @@ mod tests {
             [true, false, false]
         );
         assert_eq!(formula.variables(), [Variable::Angle, Variable::Rate]);
+        assert_eq!(
+            with_values("(a + b*p)*tanh(w/b)", &[("a", 0.0123), ("b", -2.0)]),
+            "(0.0123 + (-2.00)*p)*tanh(w/(-2.00))"
+        );
+        assert_eq!(with_values("c*th", &[("c", -0.5)]), "-0.500*th");
         assert!(is_name("k_2") && !is_name("2k") && !is_name("") && !is_name("a-b"));
         assert_eq!(meaning("tanh"), Some("a function"));
         assert_eq!(meaning("a"), None);

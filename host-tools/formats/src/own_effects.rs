@@ -7,6 +7,7 @@
 //! [[effect]]
 //! kind = "custom"
 //! name = "my_friction"
+//! title = "my friction"       # how sentences call it; the name without it
 //! force = "a*tanh(w/b)"       # Q in N: above zero it pushes towards smaller angles
 //!
 //! [effect.parameters]
@@ -48,6 +49,9 @@ const MOST_DEFINITIONS: usize = 4_096;
 
 /// The most characters of a name or a unit.
 const LONGEST_NAME: usize = 40;
+
+/// The most characters of a title.
+const LONGEST_TITLE: usize = 80;
 
 /// The largest number that a parameter may have, as the forces of other effects.
 const LARGEST: f64 = 1e12;
@@ -206,15 +210,67 @@ pub(crate) enum Role {
     Candidate,
 }
 
+/// An effect with a formula that is not read from a file, as one of a grammar of formulas.
+#[derive(Clone, Debug)]
+pub struct Formulated {
+    /// Its name in files.
+    pub name: String,
+    /// Its name in sentences.
+    pub title: String,
+    /// The force Q (N).
+    pub force: String,
+    /// Its parameters, with the values at which fits start.
+    pub parameters: Vec<DeclaredParameter>,
+    /// The effect that it becomes at an end of its parameters.
+    pub special_case: Option<Kind>,
+}
+
+impl Formulated {
+    /// The effect, as one that a diagnosis can try; none if the formula or a parameter is not
+    /// valid.
+    pub fn kind(&self) -> Option<Kind> {
+        let keys: Vec<&str> = self.parameters.iter().map(|row| row.key.as_str()).collect();
+        let formula = formula::Formula::parse(&self.force, &keys).ok()?;
+        let definition = kept(&Written {
+            name: &self.name,
+            title: Some(&self.title),
+            force: &self.force,
+            family: None,
+            rows: &self.parameters,
+            role: Role::Candidate,
+            special_case: self.special_case,
+            formula,
+        })?;
+        Some(Kind::Custom(Formula(definition)))
+    }
+}
+
 /// A parameter as it stands in a section.
 #[derive(Clone, Debug)]
-struct DeclaredParameter {
-    key: String,
-    value: f64,
-    min: Option<f64>,
-    max: Option<f64>,
-    unit: String,
-    hold: bool,
+pub struct DeclaredParameter {
+    /// Its name.
+    pub key: String,
+    /// Its value, or where a fit starts.
+    pub value: f64,
+    /// Smallest value.
+    pub min: Option<f64>,
+    /// Largest value.
+    pub max: Option<f64>,
+    /// Its unit, as shown.
+    pub unit: String,
+    /// Whether fits leave it as it is.
+    pub hold: Hold,
+}
+
+/// Whether fits move a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// They do.
+    Free,
+    /// They do not.
+    Held,
+    /// Not while effects are compared, and at the end if that gains more than it costs.
+    UntilNamed,
 }
 
 impl DeclaredParameter {
@@ -278,9 +334,10 @@ pub(crate) fn read_section(
     reader.known_keys(
         section,
         "an effect with a formula",
-        &["kind", "name", "force", "family", "parameters"],
+        &["kind", "name", "title", "force", "family", "parameters"],
     )?;
     let name = name(reader, section)?;
+    let title = title(reader, section)?;
     let (force, force_at) = text_of(reader, section, "force", "\"a*tanh(w/b)\", in N")?;
     let family = family(reader, section)?;
     let rows = rows(reader, section)?;
@@ -309,10 +366,12 @@ pub(crate) fn read_section(
     }
     let definition = kept(&Written {
         name,
+        title,
         force,
         family,
         rows: &rows,
         role,
+        special_case: None,
         formula,
     })
     .ok_or_else(|| {
@@ -344,6 +403,24 @@ fn name<'t>(reader: &Reader<'_>, section: &'t Table) -> Result<&'t str, InputErr
         );
     }
     Ok(name)
+}
+
+fn title<'t>(reader: &Reader<'_>, section: &'t Table) -> Result<Option<&'t str>, InputError> {
+    let Some(item) = section.get("title") else {
+        return Ok(None);
+    };
+    let is_short = |title: &&str| {
+        !title.trim().is_empty()
+            && title.chars().count() <= LONGEST_TITLE
+            && !title.chars().any(char::is_control)
+    };
+    item.as_str().filter(is_short).map(Some).ok_or_else(|| {
+        reader.fail_at(
+            item.span(),
+            "the title is no short text",
+            "write it as title = \"friction of the seal\", in up to 80 characters, or leave it out",
+        )
+    })
 }
 
 fn family(reader: &Reader<'_>, section: &Table) -> Result<Option<Family>, InputError> {
@@ -455,7 +532,7 @@ fn row(reader: &Reader<'_>, key: &str, item: &Item) -> Result<DeclaredParameter,
         min: None,
         max: None,
         unit: String::new(),
-        hold: false,
+        hold: Hold::Free,
     };
     let Some(table) = item.as_table_like() else {
         row.value = number(reader, key, item)?;
@@ -470,7 +547,8 @@ fn row(reader: &Reader<'_>, key: &str, item: &Item) -> Result<DeclaredParameter,
             "max" => row.max = Some(number(reader, &what, entry)?),
             "unit" => row.unit = unit(reader, entry)?,
             "hold" => match entry.as_bool() {
-                Some(hold) => row.hold = hold,
+                Some(true) => row.hold = Hold::Held,
+                Some(false) => row.hold = Hold::Free,
                 None => {
                     return fail(
                         entry,
@@ -609,10 +687,12 @@ fn not_finite(program: &Program<'_>, rows: &[DeclaredParameter]) -> Option<(Stri
 /// A section that was read and checked.
 struct Written<'a> {
     name: &'a str,
+    title: Option<&'a str>,
     force: &'a str,
     family: Option<Family>,
     rows: &'a [DeclaredParameter],
     role: Role,
+    special_case: Option<Kind>,
     formula: formula::Formula,
 }
 
@@ -623,6 +703,9 @@ impl Written<'_> {
         let mut table = Table::new();
         table["kind"] = toml_edit::value(KIND);
         table["name"] = toml_edit::value(self.name);
+        if let Some(title) = self.title {
+            table["title"] = toml_edit::value(title);
+        }
         table["force"] = toml_edit::value(self.force);
         if let Some(family) = self.family {
             table["family"] = toml_edit::value(family.to_string());
@@ -641,7 +724,7 @@ impl Written<'_> {
             if !row.unit.is_empty() {
                 entry.insert("unit", row.unit.as_str().into());
             }
-            if row.hold {
+            if row.hold == Hold::Held {
                 entry.insert("hold", true.into());
             }
             parameters[&row.key] = Item::Value(Value::InlineTable(entry));
@@ -679,9 +762,9 @@ impl Written<'_> {
                     unit: Unit::Given(leak(row.unit.clone())),
                     lower,
                     upper,
-                    held: (candidate && row.hold).then(|| single(row.value)),
+                    held: (candidate && row.hold != Hold::Free).then(|| single(row.value)),
                     default: None,
-                    starts: if candidate && !row.hold {
+                    starts: if candidate && row.hold != Hold::Held {
                         Box::leak(row.starts().into_boxed_slice())
                     } else {
                         &[]
@@ -694,7 +777,7 @@ impl Written<'_> {
         Some(Box::leak(Box::new(Definition {
             info: Info {
                 name,
-                title: name,
+                title: self.title.map_or(name, |title| leak(title.to_owned())),
                 place: Place::Force,
                 equation: leak(format!("Q = {}", self.force)),
                 text: TEXT,
@@ -703,7 +786,7 @@ impl Written<'_> {
                 family: self.family.unwrap_or(Family::Own(name)),
                 needs: &[],
                 own_variable: program.own_variable(),
-                special_case: None,
+                special_case: self.special_case,
                 imitates: &[],
                 told_by: &[],
                 doubtful: &[],

@@ -158,6 +158,12 @@ fn evidence(content: &Content) -> Vec<String> {
     if !content.gap.is_empty() {
         lines.push(format!("Where the gap lives: {}", content.gap.join(" ")));
     }
+    if !content.steps.is_empty() {
+        lines.push(format!(
+            "Step by step, refitted: {}.",
+            content.steps.join("; ")
+        ));
+    }
     let rivals: Vec<String> = content.rivals.iter().map(rival).collect();
     if !rivals.is_empty() {
         lines.push(format!("{}: {}", content.rivals_title(), rivals.join("; ")));

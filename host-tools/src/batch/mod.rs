@@ -155,6 +155,8 @@ pub struct Settings {
     pub seed: u64,
     /// Effects of the user's own, tried in every case.
     pub own: Option<OwnEffects>,
+    /// Whether formulas are tried where no effect is enough.
+    pub formulas: bool,
     /// The time budget of one case's search.
     pub budget: Option<Budget>,
     /// Diagnose also the cases whose results are there.
@@ -439,6 +441,9 @@ fn inputs(case: &Case, settings: &Settings) -> anyhow::Result<String> {
     if settings.folder != Layout::default() {
         let _ = writeln!(text, "# folder {:?}", settings.folder);
     }
+    if !settings.formulas {
+        let _ = writeln!(text, "# no formulas");
+    }
     if let Some(budget) = settings.budget {
         // Less time may have found less.
         let _ = writeln!(text, "# budget {budget:?}");
@@ -482,6 +487,8 @@ fn solve(case: &Case, settings: &Settings, batch: &Job) -> anyhow::Result<Solved
         recordings: &recordings,
         holdout: &holdout,
         own: settings.own.as_ref(),
+        formulas: settings.formulas,
+        without: &[],
         seed: settings.seed,
     };
     let clock = Instant::now();

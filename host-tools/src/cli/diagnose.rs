@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
+use model_core::catalogue::Kind;
 
 use super::input::{InputArgs, layout_of_folder};
 use super::json::JsonArgs;
@@ -40,6 +41,8 @@ Examples:
   softrig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   softrig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
   softrig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
+  softrig diagnose --model m.toml run.csv --no-formulas       effects with a name only
+  softrig diagnose --model m.toml run.csv --without gravity   what would take its place?
   softrig diagnose --model m.toml run.csv --resume fits       after an interruption
   softrig diagnose --model m.toml run.csv --budget 2min       what is found by then
   softrig diagnose --batch cases.csv -o out                   thousands of recordings
@@ -65,6 +68,13 @@ pub struct Args {
     /// every case of a batch
     #[arg(long, value_name = "EFFECTS.toml")]
     effects: Option<PathBuf>,
+    /// Try only effects that have a name, and no formulas where none of them is enough
+    #[arg(long)]
+    no_formulas: bool,
+    /// Do not try these effects of the catalogue, as a check: what takes their place?
+    #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = effect)]
+    #[arg(conflicts_with = "batch")]
+    without: Vec<Kind>,
     /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
@@ -132,6 +142,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
 }
 
+/// Reads an effect of the catalogue.
+fn effect(name: &str) -> Result<Kind, String> {
+    let kind = Kind::from_name(name).filter(|kind| kind.is_name());
+    kind.ok_or_else(|| {
+        let names: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
+        format!("there is no such effect: give some of {}", names.join(", "))
+    })
+}
+
 /// Reads a number above zero.
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse() {
@@ -160,6 +179,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
             Some(path) => Some(OwnEffects::read_for_any(path)?),
             None => None,
         },
+        formulas: !args.no_formulas,
         budget: args.budget.map(Budget::Time),
         anew: false,
     };
@@ -229,6 +249,8 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         recordings: &recordings,
         holdout: &holdout,
         own: own.as_ref(),
+        formulas: !args.no_formulas,
+        without: &args.without,
         seed: args.seed,
     };
     let checkpoint = match &args.resume {

@@ -230,6 +230,8 @@ fn diagnosed(
         recordings: &recordings,
         holdout: &holdout,
         own: own.as_ref(),
+        formulas: true,
+        without: &[],
         seed: args.seed,
     };
     let go_on = "To go on, repeat the command.".to_owned();

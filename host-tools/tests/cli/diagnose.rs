@@ -97,6 +97,7 @@ fn assert_verdict(verdict: &Value, schema: &Value) {
         "family",
         "closure",
         "repair",
+        "steps",
         "ended",
         "not_tried",
     ];

@@ -116,7 +116,7 @@ impl Batch {
 /// cases are diagnosed at a time. With `resume` a case is skipped if its results are there, made
 /// from the same inputs. `budget_s` is the time of each case; the rest is as for `diagnose`.
 #[pyfunction]
-#[pyo3(signature = (cases, *, out, jobs = 1, resume = true, effects = None, seed = 1, progress = None, threads = None, budget_s = None))]
+#[pyo3(signature = (cases, *, out, jobs = 1, resume = true, effects = None, formulas = true, seed = 1, progress = None, threads = None, budget_s = None))]
 #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
 pub fn batch(
     py: Python<'_>,
@@ -125,6 +125,7 @@ pub fn batch(
     jobs: usize,
     resume: bool,
     effects: Option<PathBuf>,
+    formulas: bool,
     seed: u64,
     progress: Option<Bound<'_, PyAny>>,
     threads: Option<NonZero<usize>>,
@@ -147,6 +148,7 @@ pub fn batch(
         folder: layout_of_folder().or_raise(py)?,
         seed,
         own: own.transpose().or_raise(py)?,
+        formulas,
         budget: budget_s.map(budget).transpose().or_raise(py)?,
         anew: !resume,
     };

@@ -55,6 +55,7 @@ pub struct Diagnosis {
     fitted: Vec<recording::Recording>,
     held_out: Vec<recording::Recording>,
     own: Option<OwnEffects>,
+    formulas: bool,
     seed: u64,
     seconds: f64,
     provenance: Provenance,
@@ -211,6 +212,8 @@ impl Diagnosis {
             recordings: &self.fitted,
             holdout: &self.held_out,
             own: self.own.as_ref(),
+            formulas: self.formulas,
+            without: &[],
             seed: self.seed,
         }
     }
@@ -397,10 +400,11 @@ impl Run {
 /// Without `holdout` the runs are left out in turn for validation. `progress` is called a few
 /// times a second with a Progress; `print` will do. `resume` is a folder in which finished
 /// fits are kept, and from which they are taken up. `effects` is a file of effects with
-/// formulas of your own, which are tried beside those that are known. After `budget_s` seconds
+/// formulas of your own, which are tried beside those that are known. Without `formulas`, no other
+/// formula is tried where no effect is enough. After `budget_s` seconds
 /// the search ends with an answer on what was tried until then.
 #[pyfunction]
-#[pyo3(signature = (model, recordings, *, holdout = None, effects = None, seed = 1, progress = None, threads = None, resume = None, budget_s = None))]
+#[pyo3(signature = (model, recordings, *, holdout = None, effects = None, formulas = true, seed = 1, progress = None, threads = None, resume = None, budget_s = None))]
 #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
 pub fn diagnose(
     py: Python<'_>,
@@ -408,6 +412,7 @@ pub fn diagnose(
     recordings: &Bound<'_, PyAny>,
     holdout: Option<&Bound<'_, PyAny>>,
     effects: Option<PathBuf>,
+    formulas: bool,
     seed: u64,
     progress: Option<Bound<'_, PyAny>>,
     threads: Option<NonZero<usize>>,
@@ -427,6 +432,7 @@ pub fn diagnose(
         fitted: &fitted,
         held_out: &held_out,
         own: own.as_ref(),
+        formulas,
         seed,
         budget_s,
     };
@@ -446,6 +452,8 @@ pub fn diagnose(
             recordings: &fitted,
             holdout: &held_out,
             own: own.as_ref(),
+            formulas,
+            without: &[],
             seed,
         };
         let found = diagnose_from(&request, &checkpoint, job)?;
@@ -464,6 +472,7 @@ pub fn diagnose(
         fitted,
         held_out,
         own,
+        formulas,
         seed,
         seconds,
         provenance,
@@ -488,6 +497,7 @@ struct Call<'a> {
     fitted: &'a [Recording],
     held_out: &'a [Recording],
     own: Option<&'a OwnEffects>,
+    formulas: bool,
     seed: u64,
     budget_s: Option<f64>,
 }
@@ -523,6 +533,9 @@ impl Call<'_> {
         }
         if let Some(own) = self.own {
             text += &format!(", effects={}", quoted(&own.path));
+        }
+        if !self.formulas {
+            text += ", formulas=False";
         }
         text += &format!(", seed={}", self.seed);
         if let Some(seconds) = self.budget_s {

@@ -98,6 +98,8 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         recordings: &case.recordings,
         holdout: &case.holdout,
         own: None,
+        formulas: true,
+        without: &[],
         seed: 1,
     };
     let paths = |recordings: &[softrig_formats::recording::Recording]| -> Vec<PathBuf> {

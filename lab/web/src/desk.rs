@@ -522,6 +522,8 @@ impl Desk {
             recordings: &fitted,
             holdout: &held_out,
             own: own.as_ref(),
+            formulas: true,
+            without: &[],
             seed,
         };
         let diagnosis = diagnose(&request, job)?;

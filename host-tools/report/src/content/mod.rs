@@ -23,6 +23,7 @@ pub use sentences::sentence;
 pub use tried::{Standing, TriedGroup, TriedRow, Untried};
 
 use softrig::diagnose::decide::verdict::Answer;
+use softrig::diagnose::score::steps::StepGap;
 use softrig::diagnose::work::budget::Ended;
 use softrig::diagnose::{Diagnosis, Request, Upload};
 
@@ -63,6 +64,8 @@ pub struct Content {
     pub undetermined: Vec<String>,
     /// Sentences about the missing force.
     pub gap: Vec<String>,
+    /// Clauses about features of step responses in which the refitted model is off.
+    pub steps: Vec<String>,
     /// Rival explanations, best first.
     pub rivals: Vec<Rival>,
     /// The letters of the curves, where several explanations remain.
@@ -109,6 +112,7 @@ impl Content {
             zeros: diagnosis.zeros().to_string(),
             undetermined: diagnosis.identifiability[0].text.clone(),
             gap: diagnosis.gap.sentences.clone(),
+            steps: diagnosis.steps.iter().map(StepGap::clause).collect(),
             tried: tried::tried(diagnosis),
             untried: tried::untried(diagnosis),
             next: rivals::next(request, diagnosis),

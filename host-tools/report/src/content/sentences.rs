@@ -1,17 +1,29 @@
 //! The verdict in one sentence, and the two or three below it: the evidence, and what to do.
 
+use model_core::catalogue::Effect;
+
 use super::rivals::next_suffices;
 use super::words::{combined, in_words, listed, titles, with_capital};
 use softrig::diagnose::Diagnosis;
 use softrig::diagnose::decide::finding::Finding;
 use softrig::diagnose::decide::verdict::Strength;
+use softrig::diagnose::score::grammar::is_term;
 use softrig::diagnose::search::selection::{FittedStructure, RIVALS_PLANNED};
 use softrig::diagnose::work::budget::SearchPart;
 use softrig::diagnose::work::policy::Policy;
+use softrig_formats::formula::with_values;
 use softrig_formats::numbers::{degrees, percent};
 
 /// The verdict in one sentence.
 pub fn sentence(diagnosis: &Diagnosis) -> String {
+    if let Some(term) = term(diagnosis) {
+        return format!(
+            "What is missing is not in the catalogue. {} explains {} of it: {}.",
+            with_capital(term.kind().info().title),
+            percent(diagnosis.closure.map_or(0.0, |closure| closure.overall)),
+            with_numbers(&term)
+        );
+    }
     match &diagnosis.finding {
         Finding::Quiet {
             immaterial: true, ..
@@ -96,6 +108,22 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
     }
 }
 
+/// The named effect, if it is a formula beyond the catalogue.
+fn term(diagnosis: &Diagnosis) -> Option<Effect<f64>> {
+    let named = diagnosis.finding.named();
+    let mut effects = diagnosis.repaired.fit.model.effects();
+    effects.find(|effect| named.contains(&effect.kind()) && is_term(effect.kind()))
+}
+
+/// Its formula with its numbers.
+fn with_numbers(term: &Effect<f64>) -> String {
+    let info = term.kind().info();
+    let keys = term.kind().parameters().iter().map(|row| row.key);
+    let values: Vec<(&str, f64)> = keys.zip(term.values()).collect();
+    let force = info.equation.trim_start_matches("Q = ");
+    format!("Q = {} N", with_values(force, &values))
+}
+
 /// The noise floor, and what it rests on.
 fn noise(diagnosis: &Diagnosis) -> String {
     let floor = &diagnosis.floor;
@@ -148,13 +176,14 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
         ),
         Finding::Named { .. } => format!(
             "On validation runs, refitting alone leaves {refit}. With {} it is \
-             {repaired}, where noise alone leaves {floor}: {}.",
-            if diagnosis.repaired.added.len() == 1 {
-                "the effect added"
-            } else {
-                "the effects added"
+             {repaired}, where noise alone leaves {floor}: {}.{}",
+            match term(diagnosis) {
+                Some(_) => "this force added",
+                None if diagnosis.repaired.added.len() == 1 => "the effect added",
+                None => "the effects added",
             },
-            left_over(diagnosis)
+            left_over(diagnosis),
+            alike(diagnosis)
         ),
         Finding::OutOfTime { .. } => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
@@ -193,6 +222,21 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
             why_no_name(diagnosis)
         ),
     }
+}
+
+/// A sentence about formulas that push like the named one, with a blank before it.
+fn alike(diagnosis: &Diagnosis) -> String {
+    let Some(term) = term(diagnosis) else {
+        return String::new();
+    };
+    let others: Vec<&str> = diagnosis
+        .alike_to(term.kind())
+        .map(|other| other.info().equation)
+        .collect();
+    if others.is_empty() {
+        return String::new();
+    }
+    format!(" In these recordings {} would push alike.", listed(&others))
 }
 
 /// The remaining error of the repaired model, as a clause.

@@ -54,6 +54,7 @@ use explain::Validations;
 pub use explain::repair::Upload;
 use fit::candidates::Untried;
 use fit::identifiability::Identifiability;
+use fit::numbers::far_numbers;
 use fit::outlier::{Outlier, outlying_recording};
 use fit::slow::slow_effects;
 use recordings::affordable::{affordable, shortened};
@@ -61,6 +62,7 @@ use recordings::noise::NoiseFloor;
 use recordings::quality;
 use recordings::quality::Concern;
 use score::localise::localise;
+use score::steps::step_gaps;
 use search::baseline;
 use search::baseline::Baseline;
 use search::{Options, Searched, search};
@@ -205,6 +207,8 @@ impl Pass {
             job,
             seed: request.seed,
             own: request.own_kinds(),
+            formulas: request.formulas,
+            without: request.without,
         };
         let searched = search(baseline, options);
         concerns.extend(searched.baseline.remarks.iter().cloned());
@@ -290,10 +294,16 @@ impl Pass {
         };
         // What the answer stands on is said first.
         let setups = turns::contradictions(file, data, refit, floor.rms, job);
+        let bent = if finding.is_quiet() {
+            Vec::new()
+        } else {
+            far_numbers(file, &refit.fit)
+        };
         let concerns = about_files
             .into_iter()
             .chain(setups)
             .chain(concerns)
+            .chain(bent)
             .chain(slow_effects(repaired, data))
             .chain(far_zeros(&repaired.fit, data))
             .collect();
@@ -319,6 +329,12 @@ impl Pass {
             ],
             held_out,
             tried: found.tried(validator.floor()),
+            alike: found.rows.alike.clone(),
+            steps: if finding.is_quiet() {
+                Vec::new()
+            } else {
+                step_gaps(data, &refit.fit, floor.white)
+            },
             rivals,
             proposals,
             adequacy,

@@ -13,6 +13,8 @@ use softrig_formats::removed::Channel;
 /// The motion at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
+    /// The sample.
+    pub place: usize,
     /// Angle (rad).
     pub angle: f64,
     /// Rate (rad/s).
@@ -35,6 +37,7 @@ pub fn motion(recording: &Recording, from: usize, to: usize, at: usize) -> Optio
     }
     let solved = normal.cholesky()?.solve(&right);
     Some(Motion {
+        place: at,
         angle: solved[0],
         rate: solved[1],
         acceleration: 2.0 * solved[2],

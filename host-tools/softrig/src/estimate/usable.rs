@@ -133,6 +133,8 @@ pub enum Matter {
     TwoMinima,
     /// The zero of a sensor ends farther away than a calibration leaves it.
     FarZero,
+    /// A parameter of the refit is farther from the model's than anybody misjudges it.
+    FarNumber,
     /// The angle sensor is at the end of its range.
     SaturatedAngle,
     /// The pressure sensor is at the end of its range.

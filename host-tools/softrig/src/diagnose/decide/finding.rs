@@ -7,6 +7,7 @@ use model_core::catalogue::Kind;
 use model_core::effects::table::Variable;
 
 use crate::diagnose::decide::verdict::{Alternative, Answer, Strength};
+use crate::diagnose::score::grammar::is_term;
 use softrig_formats::family::{Family, names};
 
 /// A structure that explains the recordings, or part of them.
@@ -26,6 +27,12 @@ impl Explanation {
     pub fn written(&self) -> Alternative {
         Alternative {
             kinds: names(&self.kinds),
+            formulas: self
+                .kinds
+                .iter()
+                .filter(|kind| is_term(**kind))
+                .map(|kind| kind.info().equation.to_owned())
+                .collect(),
             probability: self.probability,
             delta_bic: self.delta_bic,
         }

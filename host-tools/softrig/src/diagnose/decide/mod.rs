@@ -41,6 +41,7 @@ use model_core::effects::table::Variable;
 use crate::diagnose::decide::finding::{Explanation, Finding, NamedKind};
 use crate::diagnose::decide::verdict::Strength;
 use crate::diagnose::evidence::doubts::Doubt;
+use crate::diagnose::score::grammar::is_term;
 use crate::diagnose::work::budget::{SearchPart, is_open, tried_sizes};
 use crate::diagnose::work::policy::Policy;
 use softrig_formats::family;
@@ -70,6 +71,11 @@ pub struct Scored {
 }
 
 impl Scored {
+    /// Whether it has a term of the grammar.
+    pub fn is_term(&self) -> bool {
+        self.kinds.iter().any(|kind| is_term(*kind))
+    }
+
     /// Share of the error that it leaves, fitted and held out together.
     pub fn leaves(&self) -> f64 {
         (self.fitted * self.held_out).sqrt()
@@ -340,6 +346,37 @@ pub fn rank(scored: &[Scored], tried: usize, policy: &Policy) -> Ranking {
     }
 }
 
+/// Whether terms of the grammar take part: one of them leaves less than every single effect, fitted
+/// and held out, by more than another formula would, or by half where it leaves more than noise; and
+/// no more than the combination that explains the recordings without any. A term is one of many, and
+/// has no history; what has a name goes before it.
+pub fn offers_terms(scored: &[Scored], policy: &Policy) -> bool {
+    let (terms, effects): (Vec<usize>, Vec<usize>) = (0..scored.len())
+        .filter(|&row| takes_part(&scored[row]))
+        .partition(|&row| scored[row].is_term());
+    let firm = terms.into_iter().filter(|&row| scored[row].doubt.is_none());
+    let (Some(term), Some(refit)) = (
+        least(scored, firm, Scored::leaves),
+        scored.iter().find(|row| row.kinds.is_empty()),
+    ) else {
+        return false;
+    };
+    let term = &scored[term];
+    let far = if term.at_noise {
+        policy.comparable
+    } else {
+        1.0 / policy.term_leaves
+    };
+    let is_far = |single: &Scored| {
+        single.fitted >= far * term.fitted && single.held_out >= far * term.held_out
+    };
+    let singles = effects.iter().map(|&row| &scored[row]);
+    let mut singles = singles.filter(|row| row.kinds.len() == 1);
+    let known = leader(scored, &effects, refit, policy).map(|row| &scored[row]);
+    singles.all(is_far)
+        && known.is_none_or(|known| known.kinds.len() == 1 || term.leaves() <= known.leaves())
+}
+
 fn ranked(scored: &[Scored], policy: &Policy) -> Ranking {
     let rows: Vec<usize> = (0..scored.len())
         .filter(|&row| takes_part(&scored[row]))
@@ -608,6 +645,7 @@ mod tests {
         CoulombFriction, CubicStiffness, DeadTime, EndStop, Gravity, LinearStiffness,
         MaxwellBranch, PeriodicDisturbance, PneumaticLag, StribeckFriction,
     };
+    use softrig_formats::own_effects::{DeclaredParameter, Formulated, Hold};
 
     const POLICY: Policy = Policy::STANDARD;
 
@@ -1103,6 +1141,65 @@ mod tests {
 
     fn row_of<'a>(rows: &'a [Scored], kinds: &[Kind]) -> &'a Scored {
         rows.iter().find(|row| row.kinds == kinds).unwrap()
+    }
+
+    fn term(force: &str) -> Kind {
+        let parameters = vec![DeclaredParameter {
+            key: "c".into(),
+            value: 1.0,
+            min: None,
+            max: None,
+            unit: "N".into(),
+            hold: Hold::Free,
+        }];
+        let formulated = Formulated {
+            name: "term_of_a_test".into(),
+            title: "a force of a test".into(),
+            force: format!("c*{force}"),
+            parameters,
+            special_case: None,
+        };
+        formulated.kind().unwrap()
+    }
+
+    #[test]
+    fn a_term_takes_part_only_where_no_name_comes_near() {
+        let term = term("th^5");
+        let refit = row(&[], 1.0);
+        let rows = |effect: f64, of_term: f64| {
+            [
+                refit.clone(),
+                row(&[CoulombFriction], effect),
+                row(&[term], of_term),
+            ]
+        };
+        // Half, unless only noise is left.
+        let far = 1.0 / POLICY.term_leaves;
+        assert!(offers_terms(&rows(0.2 * far, 0.2), &POLICY));
+        assert!(!offers_terms(&rows(0.199 * far, 0.2), &POLICY));
+        let at_noise = |effect: f64| {
+            let mut rows = rows(effect, 0.2);
+            rows[2].at_noise = true;
+            offers_terms(&rows, &POLICY)
+        };
+        let comparable = POLICY.comparable;
+        assert!(at_noise(0.2 * comparable) && !at_noise(0.199 * comparable));
+        assert!(!offers_terms(&rows(0.5, 0.2)[..2], &POLICY));
+        // Better on held-out runs alone is not enough.
+        let mut fits_worse = rows(0.9, 0.1);
+        fits_worse[1].fitted = 0.09;
+        assert!(!offers_terms(&fits_worse, &POLICY));
+        // A term in doubt offers nothing.
+        let mut doubtful = rows(0.9, 0.1);
+        doubtful[2].doubt = Some(Doubt::AtBound);
+        assert!(!offers_terms(&doubtful, &POLICY));
+        // What a combination of names explains as well needs no formula.
+        let pair = |leaves: f64| {
+            let mut rows = rows(0.6, 0.2).to_vec();
+            rows.push(row(&[CoulombFriction, Gravity], leaves));
+            offers_terms(&rows, &POLICY)
+        };
+        assert!(pair(0.21) && !pair(0.19));
     }
 
     proptest! {

@@ -70,6 +70,9 @@ pub struct Verdict {
     /// Features that the missing force goes with, strongest first.
     #[serde(rename = "where")]
     pub places: Vec<Place>,
+    /// Features of responses to steps in which the refitted model is off the same way in most of them.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub steps: Vec<Step>,
     /// RMS error on the fitted recordings, in degrees.
     pub rmse_deg: FittedError,
     /// RMS error on held-out recordings, in degrees.
@@ -153,6 +156,15 @@ pub struct NamedEffect {
     pub interval95: serde_json::Map<String, serde_json::Value>,
     /// Probability among the tried rivals.
     pub probability: f64,
+    /// The formula of a force that no effect of the catalogue makes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub formula: Option<String>,
+    /// What that is, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub title: Option<String>,
+    /// Other formulas that push alike in these recordings.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub alike: Vec<String>,
 }
 
 /// A rival explanation.
@@ -160,6 +172,9 @@ pub struct NamedEffect {
 pub struct Alternative {
     /// Its effects.
     pub kinds: Vec<String>,
+    /// The formulas of those that no effect of the catalogue makes.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub formulas: Vec<String>,
     /// Probability among the explanations of the same size.
     pub probability: f64,
     /// Twice the logarithm of how much less likely the held-out runs are than under the best.
@@ -187,6 +202,21 @@ pub struct Place {
     pub share_of_gap: f64,
     /// A sentence.
     pub text: String,
+}
+
+/// A feature of the response to steps of the pressure.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Step {
+    /// Its name, with its unit.
+    pub feature: String,
+    /// Median over the steps, as measured.
+    pub measured: f64,
+    /// The same, as the refitted model simulates them.
+    pub simulated: f64,
+    /// Steps in which it could be read.
+    pub steps: usize,
+    /// Those in which it is off in this direction.
+    pub alike: usize,
 }
 
 /// RMS errors on fitted recordings, in degrees.

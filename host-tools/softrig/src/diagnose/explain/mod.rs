@@ -12,7 +12,7 @@ use softrig_formats::numbers::tidy;
 use super::decide::finding::{Explanation, Finding};
 use super::decide::verdict::{
     Adequacy, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place, Remaining,
-    Repair, SCHEMA, Verdict,
+    Repair, SCHEMA, Step, Verdict,
 };
 use super::evidence::measure::{Closure, leaves_beyond};
 use super::evidence::validation::HeldOut;
@@ -21,7 +21,9 @@ use super::fit::candidates::{Candidate, Untried};
 use super::fit::identifiability::Identifiability;
 use super::recordings::noise::NoiseFloor;
 use super::recordings::quality::Concern;
+use super::score::grammar::is_term;
 use super::score::localise::Gap;
+use super::score::steps::StepGap;
 use super::search::selection::FittedStructure;
 use super::work::budget::Ended;
 use super::work::request::Request;
@@ -71,10 +73,14 @@ pub struct Diagnosis {
     pub tried: Vec<FittedStructure>,
     /// Runs that would separate the surviving rivals, best first.
     pub proposals: Vec<(Proposal, [Vec<Kind>; 2])>,
+    /// Formulas that push like one of those that were tried: that one, and they.
+    pub alike: Vec<[Kind; 2]>,
     /// Whether the repaired model is adequate.
     pub adequacy: Adequacy,
     /// The missing force of the refit, and its features.
     pub gap: Gap,
+    /// Features of the responses to steps in which the refit is off.
+    pub steps: Vec<StepGap>,
     /// Effects that were not tried, because they do not apply or the time was up.
     pub untried: Vec<Untried>,
     /// The parts that were not done, if a budget ended the search.
@@ -134,6 +140,12 @@ impl Diagnosis {
         concerns.find(|concern| concern.matter == Matter::Turned)
     }
 
+    /// Formulas that push like this one in these recordings.
+    pub fn alike_to(&self, kind: Kind) -> impl Iterator<Item = Kind> {
+        let pairs = self.alike.iter().filter(move |[own, _]| *own == kind);
+        pairs.map(|[_, other]| *other)
+    }
+
     /// The verdict for JSON.
     pub fn verdict(&self, request: &Request<'_>, seconds: f64) -> Verdict {
         let degrees = |radians: f64| tidy(radians.to_degrees());
@@ -172,6 +184,17 @@ impl Diagnosis {
                     feature: feature.name.to_owned(),
                     share_of_gap: tidy(feature.share),
                     text: feature.text.clone(),
+                })
+                .collect(),
+            steps: self
+                .steps
+                .iter()
+                .map(|it| Step {
+                    feature: it.feature.name().to_owned(),
+                    measured: tidy(it.measured),
+                    simulated: tidy(it.simulated),
+                    steps: it.steps,
+                    alike: it.alike,
                 })
                 .collect(),
             rmse_deg: FittedError {
@@ -290,6 +313,12 @@ impl Diagnosis {
                     parameters,
                     interval95,
                     probability,
+                    formula: is_term(*kind).then(|| kind.info().equation.to_owned()),
+                    title: is_term(*kind).then(|| kind.info().title.to_owned()),
+                    alike: self
+                        .alike_to(*kind)
+                        .map(|other| other.info().equation.to_owned())
+                        .collect(),
                 }
             })
             .collect()

@@ -8,6 +8,7 @@ use softrig_formats::settings_file::from_model;
 use super::Diagnosis;
 use crate::diagnose::decide::finding::Finding;
 use crate::diagnose::decide::verdict::{Answer, Zeros};
+use crate::diagnose::score::grammar::is_term;
 use crate::estimate::fit::Fit;
 use crate::sim::board::{self, Unseen};
 
@@ -37,6 +38,9 @@ impl Diagnosis {
     /// The text of that model file, with a comment above added effects.
     pub fn model_text(&self, nominal: &ModelFile) -> String {
         let what = match &self.finding {
+            named if named.named().into_iter().any(is_term) => {
+                "Added by softrig diagnose: a force that no effect of the catalogue makes.".into()
+            }
             Finding::Quiet { .. } | Finding::Named { .. } => "Added by softrig diagnose.".into(),
             Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
                 "Added by softrig diagnose: lowers the error, not named.".into()

@@ -130,11 +130,12 @@ pub struct Untried {
     pub reason: &'static str,
 }
 
-/// The applicable effects of the catalogue and of the user's `own`, and the others with
+/// The applicable effects of the catalogue, but `without` some, and of the user's `own`, and the others with
 /// the reason why they are not.
 pub fn applicable(
     nominal: &Model<f64>,
     own: &[Kind],
+    without: &[Kind],
     fitter: &Fitter<'_>,
 ) -> (Vec<Kind>, Vec<Untried>) {
     let shown = Shown::by(fitter.data);
@@ -146,6 +147,11 @@ pub fn applicable(
             untried.push(Untried {
                 kind,
                 reason: "the model has it already",
+            });
+        } else if without.contains(&kind) {
+            untried.push(Untried {
+                kind,
+                reason: "it was asked for without it",
             });
         } else if let Some(need) = shown.unmet(kind) {
             untried.push(Untried {

@@ -4,6 +4,7 @@
 pub mod candidates;
 pub mod identifiability;
 pub(crate) mod levels;
+pub(crate) mod numbers;
 pub(crate) mod outlier;
 pub(crate) mod pairs;
 pub(crate) mod slow;

@@ -492,7 +492,7 @@ fn usual_range(samples: &[Sample], column: usize) -> (f64, f64) {
 }
 
 /// Samples at which the pressure starts to change quickly.
-fn edges(recording: &Recording) -> Vec<usize> {
+pub(super) fn edges(recording: &Recording) -> Vec<usize> {
     let pressure = &recording.pressure;
     let low = pressure.iter().copied().fold(f64::INFINITY, f64::min);
     let high = pressure.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -19,9 +19,11 @@
 //! ranked in two [`VIEWS`] with less of it. Scores rank and start fits. They are no evidence: what
 //! is left of the innovations is far from white.
 
+pub mod grammar;
 pub mod localise;
 pub mod scales;
 pub(crate) mod smoother;
+pub mod steps;
 
 use model_core::actuator::{Model, ParameterId};
 use model_core::catalogue::{Effect, Kind};
@@ -38,9 +40,11 @@ use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::statics::signed_power;
 use crate::estimate::nuisance::Nuisance;
 use crate::estimate::placement::Placement;
+use crate::estimate::smooth::motions;
 use crate::estimate::{Dataset, Session};
 use crate::sim::dual::Dual;
 use crate::statistics::{mean, rms, robust_deviation};
+use softrig_formats::recording::Recording;
 
 /// Samples that are enough for a score: whole sessions at even distances in the list.
 const ENOUGH: usize = 10_000;
@@ -334,7 +338,7 @@ impl Basis {
 
 /// A sample of the smoothed motion.
 #[derive(Clone, Copy, Debug)]
-struct Sample {
+pub(crate) struct Sample {
     time: f64,
     angle: f64,
     rate: f64,
@@ -837,6 +841,26 @@ impl Track {
     }
 }
 
+/// The force (N) that an effect adds against a measured motion, a sample each: one that acts on the
+/// sensor alone adds none.
+pub(crate) fn force_along(
+    base: &Dynamics<f64>,
+    effect: &Effect<f64>,
+    recording: &Recording,
+) -> Vec<f64> {
+    let samples: Vec<Sample> = motions(recording)
+        .map(|motion| Sample {
+            time: recording.time[motion.place],
+            angle: motion.angle,
+            rate: motion.rate,
+            acceleration: motion.acceleration,
+            pressure: recording.pressure[motion.place],
+            spring: signed_power(motion.angle, base.exponent),
+        })
+        .collect();
+    added(base, effect, &samples).force
+}
+
 /// The force (N) that an effect adds against the motion at each sample, and what it adds to the
 /// reading (rad).
 fn added(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Added {
@@ -925,7 +949,10 @@ fn choices(kind: Kind, row: &Parameter, scales: &Scales) -> Vec<f64> {
     }
     let mut choices = match row.unit {
         Unit::Hertz => nominal,
-        Unit::Radian => {
+        Unit::Given(unit) if unit != "rad" && row.lower > 0.0 && row.upper.is_finite() => {
+            ladder(row).into_iter().chain(nominal).collect()
+        }
+        Unit::Radian | Unit::Given("rad") => {
             let shares = SHARES_OF_ANGLE.map(|share| share * scales.angle());
             nominal.into_iter().chain(shares).collect()
         }
@@ -941,6 +968,23 @@ fn choices(kind: Kind, row: &Parameter, scales: &Scales) -> Vec<f64> {
     choices
 }
 
+/// Values from one bound of a parameter of a formula to the other.
+fn ladder(row: &Parameter) -> Vec<f64> {
+    /// Ratio of neighbours: a wave found from the nearest of them is in step over three periods.
+    const RATIO: f64 = std::f64::consts::SQRT_2;
+    /// Most steps.
+    const STEPS: usize = 12;
+    let [lower, upper] = [row.lower, row.upper].map(f64::from);
+    let range = libm::log(upper / lower);
+    let steps = (1..=STEPS)
+        .find(|&steps| steps as f64 * libm::log(RATIO) >= range)
+        .unwrap_or(STEPS);
+    (0..=steps)
+        .map(|step| lower * libm::exp(range * step as f64 / steps as f64))
+        .map(|value| value.clamp(lower, upper))
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -949,7 +993,6 @@ mod tests {
     use crate::diagnose::fit::candidates::applicable;
     use crate::synth::example::{Hidden, make};
     use softrig_formats::model_file::ModelFile;
-    use softrig_formats::recording::Recording;
 
     const NOISE_DEG: f64 = 0.3;
 
@@ -1024,7 +1067,7 @@ mod tests {
             let fitter = Fitter::new(&file.model, &data);
             let supplied = fitter.compare(&file.model);
             let scales = Scales::of(&fitter, &supplied);
-            let (kinds, _) = applicable(&file.model, &[], &fitter);
+            let (kinds, _) = applicable(&file.model, &[], &[], &fitter);
             let noise = NOISE_DEG.to_radians();
             let guesses = Guesses::of(&fitter, [&supplied, &supplied], noise, &kinds, &scales);
             let ranked = guesses.ranked();

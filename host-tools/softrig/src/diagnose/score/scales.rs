@@ -101,6 +101,16 @@ impl Scales {
         self.angle
     }
 
+    /// 99th percentile of the measured rate (rad/s).
+    pub const fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// Duration of the longest session (s).
+    pub const fn duration(&self) -> f64 {
+        self.duration
+    }
+
     /// Largest force of spring or drive (N).
     pub const fn force(&self) -> f64 {
         self.force

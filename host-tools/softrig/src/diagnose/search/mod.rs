@@ -4,6 +4,7 @@ pub(crate) mod baseline;
 pub(crate) mod grade;
 pub mod selection;
 pub(crate) mod singles;
+pub(crate) mod terms;
 
 use model_core::actuator::MAX_EFFECTS;
 use model_core::catalogue::Kind;
@@ -19,6 +20,7 @@ use crate::diagnose::search::baseline::{Baseline, in_step};
 use crate::diagnose::search::grade::{Graded, grade};
 use crate::diagnose::search::selection::{Fitted, Rows, Selection};
 use crate::diagnose::search::singles::{Singles, is_settled, most_of_rivals, singles};
+use crate::diagnose::search::terms::Terms;
 use crate::diagnose::work::budget::SearchPart;
 use crate::diagnose::work::executor::Executor;
 use crate::diagnose::work::job::Job;
@@ -43,6 +45,10 @@ pub struct Options<'a> {
     pub seed: u64,
     /// Effects to try beside those of the catalogue.
     pub own: &'a [Kind],
+    /// Whether terms of the grammar are tried where no effect leaves only noise.
+    pub formulas: bool,
+    /// Effects of the catalogue that are not tried.
+    pub without: &'a [Kind],
 }
 
 /// The result of a search.
@@ -100,13 +106,15 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     if let Some(quiet) = baseline.find_quiet(&validator) {
         return Searched::nothing(quiet, Vec::new(), baseline);
     }
-    let (kinds, untried) = applicable(&file.model, options.own, &fitter);
+    let (kinds, untried) = applicable(&file.model, options.own, options.without, &fitter);
     let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_FIT);
     let guesses = material.guesses(&fitter, &baseline, &kinds);
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, &guesses, options);
-    let Singles { coarse, mut pool } = singles(&context, &baseline.floor, &kinds, &baseline.refit);
-    let is_open = !is_settled(&pool, &baseline.floor);
+    let singles = singles(&context, &baseline.floor, &kinds, &baseline.refit);
+    let terms = Terms::of(&context, &baseline, &kinds, &singles, options.formulas);
+    let is_open = !is_settled(&singles.pool, &baseline.floor) && !terms.settle;
+    let Singles { coarse, mut pool } = singles;
     let graded = (is_open && options.job.may_begin(SearchPart::Horizons))
         .then(|| {
             let leaders = coarse.iter().take(LEADERS).map(|it| &it.fit);
@@ -145,7 +153,8 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
         pool.extend(coarse.first().map(|nearest| finished(&context, nearest)));
     }
     validator.refitting_up_to(most_of_rivals(pool[1..].iter(), &baseline.floor));
-    let in_pool = rows(&validator, &pool);
+    let mut in_pool = rows(&validator, &pool);
+    in_pool.rows.extend(measured(&validator, &terms.fitted));
     let Some(Grading {
         graded,
         baseline: weighed,
@@ -198,20 +207,27 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
 fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
     /// Number of structures of each size.
     const MEASURED: usize = 6;
-    let mut measured = Vec::new();
+    let mut chosen = Vec::new();
     for size in 1..=MAX_EFFECTS {
         let of_size = pool.iter().filter(|it| it.added.len() == size);
         let mut of_size: Vec<&Candidate> = of_size.collect();
         of_size.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
-        measured.extend(of_size.into_iter().take(MEASURED));
+        chosen.extend(of_size.into_iter().take(MEASURED));
     }
     Fitted {
         refit: MeasuredStructure::of(validator, pool[0].clone()),
-        rows: measured
-            .into_par_iter()
-            .map(|candidate| MeasuredStructure::of(validator, candidate.clone()))
-            .collect(),
+        rows: measured(validator, chosen),
     }
+}
+
+fn measured<'a>(
+    validator: &CrossValidator<'_>,
+    candidates: impl IntoParallelIterator<Item = &'a Candidate>,
+) -> Vec<MeasuredStructure> {
+    let candidates = candidates.into_par_iter();
+    candidates
+        .map(|candidate| MeasuredStructure::of(validator, candidate.clone()))
+        .collect()
 }
 
 /// The graded structures, and what they were graded from.

@@ -7,7 +7,10 @@
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use crate::diagnose::decide::{Beside, Ranking, Scored, behind, is_special_case, of_size, rank};
+use crate::diagnose::decide::{
+    Beside, Ranking, Scored, behind, is_special_case, of_size, offers_terms, rank,
+};
+use crate::diagnose::evidence::alike::push_alike;
 use crate::diagnose::evidence::discrepancy::log_densities;
 use crate::diagnose::evidence::doubts::Doubt;
 use crate::diagnose::evidence::draws::Draws;
@@ -16,9 +19,11 @@ use crate::diagnose::evidence::validation::CrossValidator;
 use crate::diagnose::fit::candidates::{Candidate, FitContext, finished, release, simulated};
 use crate::diagnose::fit::tables;
 use crate::diagnose::recordings::noise::NoiseFloor;
+use crate::diagnose::score::grammar::is_term;
 use crate::diagnose::work::budget::{SearchPart, tried_sizes};
 use crate::diagnose::work::policy::Policy;
 use crate::diagnose::work::progress::Stage;
+use crate::estimate::Dataset;
 use crate::statistics::swing;
 use softrig_formats::recording::Recording;
 
@@ -142,6 +147,8 @@ pub struct Rows {
     pub scored: Vec<Scored>,
     /// The place of the refit that each row improves on.
     refits: Vec<usize>,
+    /// Terms that push like one of the rows: that one, and they.
+    pub alike: Vec<[Kind; 2]>,
 }
 
 impl Rows {
@@ -160,9 +167,11 @@ impl Rows {
         let all = merged(std::iter::once(first).chain(others), beyond);
         let data = validator.fitter().data;
         let segments: Vec<Recording> = data.recordings(validator.in_turn());
+        let is_known = |it: &&MeasuredStructure| !it.candidate.added.iter().any(|it| is_term(*it));
         let best = all
             .iter()
             .map(|it| &it.row)
+            .filter(is_known)
             .min_by(|a, b| a.held_out.full.total_cmp(&b.held_out.full));
         let angles: Vec<f64> = segments.iter().flat_map(|it| &it.angle).copied().collect();
         let accuracy = (policy.accuracy * swing(&angles)).max(f64::MIN_POSITIVE);
@@ -171,7 +180,7 @@ impl Rows {
             let residuals = validator.residuals_of(&best.candidate);
             Draws::of(&segments, &residuals, seed)
         });
-        let scored = all
+        let scored: Vec<Scored> = all
             .par_iter()
             .map(|it| {
                 let row = &it.row;
@@ -192,10 +201,49 @@ impl Rows {
                 }
             })
             .collect();
-        Self {
-            refits: all.iter().map(|it| it.refit).collect(),
-            all: all.into_iter().map(|it| it.row).collect(),
-            scored,
+        let offers = offers_terms(&scored, policy);
+        let (terms, effects): (Vec<_>, Vec<_>) = all
+            .into_iter()
+            .zip(scored)
+            .partition(|(_, scored)| scored.is_term());
+        let mut rows = Self::default();
+        for (share, scored) in effects {
+            rows.push(share, scored);
+        }
+        if offers {
+            rows.take_terms(terms, data);
+        }
+        rows
+    }
+
+    fn push(&mut self, share: Shares, scored: Scored) {
+        self.refits.push(share.refit);
+        self.all.push(share.row);
+        self.scored.push(scored);
+    }
+
+    /// Takes terms, the one that leaves least of those that push alike. They come after the effects,
+    /// so that the places of the refits stay.
+    fn take_terms(&mut self, mut terms: Vec<(Shares, Scored)>, data: &Dataset) {
+        // A further parameter has to leave clearly less.
+        let weighed = |(share, scored): &(Shares, Scored)| {
+            let parameters = share.row.candidate.fit.free.len() as f64;
+            scored.leaves() / libm::pow(Policy::STANDARD.sure_leaves, parameters)
+        };
+        terms.sort_by(|a, b| weighed(a).total_cmp(&weighed(b)));
+        let first = self.all.len();
+        for (share, scored) in terms {
+            let own = &share.row.candidate;
+            let mut known = self.all[first..].iter().map(|row| &row.candidate);
+            match known.find(|known| push_alike(own, known, data)) {
+                Some(known) => {
+                    let pair = [known, own].map(|it| it.added.last().copied());
+                    if let [Some(known), Some(own)] = pair {
+                        self.alike.push([known, own]);
+                    }
+                }
+                None => self.push(share, scored),
+            }
         }
     }
 

@@ -197,7 +197,7 @@ pub fn is_settled(pool: &[Candidate], floor: &NoiseFloor) -> bool {
 
 /// Whether nothing is left for another effect to explain, or so little that the formula
 /// may be to blame.
-fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
+pub fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
     // No effect explains the rig's repeatability.
     let floor = floor.clone().with_repeats(&candidate.fit.residuals);
     let left = candidate.fit.rmse();

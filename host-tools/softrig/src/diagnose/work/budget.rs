@@ -30,6 +30,8 @@ pub enum SearchPart {
     Horizons,
     /// Combinations of effects, some or all.
     Combinations,
+    /// Terms of the grammar, some or all.
+    Terms,
     /// A table of the remaining force.
     Table,
     /// Effects with zeros as they were calibrated.
@@ -58,6 +60,7 @@ impl SearchPart {
             Self::Alone(kind) => kind.name(),
             Self::Horizons => "several horizons",
             Self::Combinations => "combinations",
+            Self::Terms => "formulas beyond the catalogue",
             Self::Table => "table of what is left",
             Self::Calibrated => "zeros as calibrated",
             Self::WithoutOutlier => "without the odd recording",
@@ -72,6 +75,7 @@ impl SearchPart {
             Self::Alone(_) => "not every effect was tried",
             Self::Horizons => "effects were not tried at several horizons",
             Self::Combinations => "not every combination of effects was tried",
+            Self::Terms => "not every formula beyond the catalogue was tried",
             Self::Table => "no table of what is left was tried",
             Self::Calibrated => "effects were not tried with zeros as calibrated",
             Self::WithoutOutlier => {
@@ -166,6 +170,7 @@ fn leaves(undone: &BTreeSet<SearchPart>) -> Coverage {
     } else if [
         SearchPart::Horizons,
         SearchPart::Combinations,
+        SearchPart::Terms,
         SearchPart::Calibrated,
     ]
     .iter()

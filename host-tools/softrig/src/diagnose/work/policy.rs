@@ -52,6 +52,9 @@ policy! {
     /// A structure with a parameter at its bound is a rival of one without a doubt only if it
     /// leaves less than this share of its error.
     doubted_leaves: 0.98, "–", "2 %: less is what the bound itself lets a fit follow";
+    /// A formula beyond the catalogue that leaves more than noise takes part if it leaves at most this
+    /// share of what every single effect leaves, fitted and held out.
+    term_leaves: 0.5, "–", "half, on both: on one rig a wrong formula left a third of it, held out only";
     /// Only noise is left below this multiple of it.
     at_noise: 1.15, "noise", "half of `comparable`: what a floor is known to";
     /// Errors of formulas of one family are alike if they differ by less than this share of the

@@ -50,6 +50,8 @@ pub enum Stage {
     Final,
     /// Coarse fits of all effects.
     Everywhere,
+    /// Terms of the grammar.
+    Terms,
     /// The nominal structure at several horizons.
     Horizons,
     /// Single effects at several horizons.
@@ -79,6 +81,7 @@ impl Stage {
             Self::Leading => "fits of the effects that the score puts first",
             Self::Final => "final fits of the best single effects",
             Self::Everywhere => "coarse fits of all effects, one at a time",
+            Self::Terms => "formulas beyond the catalogue",
             Self::Horizons => "nominal structure at several horizons",
             Self::Effects => "single effects at several horizons",
             Self::Combinations => "combinations of 2 effects at several horizons",
@@ -100,8 +103,9 @@ impl Stage {
             Self::Leading => 0.5,
             Self::Final => 0.6,
             Self::Everywhere => 0.66,
-            Self::Horizons => 0.68,
-            Self::Effects => 0.78,
+            Self::Terms => 0.7,
+            Self::Horizons => 0.72,
+            Self::Effects => 0.8,
             Self::Combinations => 0.95,
             Self::FinalCombinations => 0.96,
             Self::Selection => 0.97,

@@ -16,19 +16,25 @@ pub struct Request<'a> {
     pub holdout: &'a [Recording],
     /// Effects with the user's own formulas, tried beside the catalogue.
     pub own: Option<&'a OwnEffects>,
+    /// Whether formulas are tried where no effect is enough ([`mod@crate::diagnose::score::grammar`]).
+    pub formulas: bool,
+    /// Effects of the catalogue that are not tried.
+    pub without: &'a [Kind],
     /// Random seed.
     pub seed: u64,
 }
 
 impl<'a> Request<'a> {
     /// As the command asks without options: segments are left out in turn, the effects are those
-    /// of the catalogue, and the seed is 1.
+    /// of the catalogue, formulas where these are not enough, and the seed is 1.
     pub const fn of(file: &'a ModelFile, recordings: &'a [Recording]) -> Self {
         Self {
             file,
             recordings,
             holdout: &[],
             own: None,
+            formulas: true,
+            without: &[],
             seed: 1,
         }
     }
