@@ -13,7 +13,7 @@ use softrig_bench::invariance::ways::Way;
 use softrig_bench::invariance::{calibration, known, run as invariance};
 use softrig_bench::rig_loop::{bench as rig_loop, decide};
 use softrig_bench::{
-    blind, catalogue, commands, diagnosis, many, pages, pictures, real, search, simulate,
+    blind, catalogue, commands, diagnosis, laws, many, pages, pictures, real, search, simulate,
 };
 use softrig_tests::{process::root, write};
 
@@ -58,6 +58,7 @@ enum Benchmark {
     /// The same question, with recordings that cables, sensors and loggers made dirty
     Dirt(invariance::Options),
     Invariance(invariance::Options),
+    Laws(laws::Options),
     Loop(rig_loop::Options),
     /// Diagnoses more and more recordings of 10 s and times each diagnosis
     Many(Asked),
@@ -109,6 +110,7 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
         Benchmark::Diagnosis(asked) => diagnosis::measure(asked, &target.join("bench/example")),
         Benchmark::Dirt(options) => options.measure(target, "dirt", &Way::DIRTY),
         Benchmark::Invariance(options) => options.measure(target, "invariance", &Way::OTHERS),
+        Benchmark::Laws(options) => options.measure(target),
         Benchmark::Loop(options) => options.measure(&target.join("loop")),
         Benchmark::Many(asked) => many::measure(asked, &target.join("bench/many")),
         Benchmark::Real(options) => options.measure(&target.join("real"), args.docs),

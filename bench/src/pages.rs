@@ -21,7 +21,7 @@ macro_rules! template {
     };
 }
 
-const PAGES: [Page; 13] = [
+const PAGES: [Page; 14] = [
     ("blind", &["blind.md"], template!("blind.md")),
     (
         "calibration",
@@ -39,6 +39,7 @@ const PAGES: [Page; 13] = [
     ("diagnosis", &[], template!("diagnosis.md")),
     ("dirt", &[], template!("invariance.md")),
     ("invariance", &[], template!("invariance.md")),
+    ("laws", &["formulas.md"], template!("laws.md")),
     ("loop", &["loop.md"], template!("loop.md")),
     ("many", &[], template!("many.md")),
     ("real", &["real.md"], template!("real.md")),

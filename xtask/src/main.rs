@@ -98,6 +98,9 @@ Tasks:
   bench search [--seeds A..B] [--sets SET,…] [--only KIND,…] [--minutes M] [--docs]
                          does the search find the fit that there is? Beside fits
                          that start at drawn truths; --docs writes docs/search.md
+  bench laws [--seeds A..B] [--noise-deg N] [--docs]
+                         forces that no catalogue has: are they said as formulas?
+                         --docs writes docs/formulas.md
   bench catalogue --docs the tables of effects and constants in docs/, from
                          the code
   bench pages FILE [--docs]
