@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use serde_json::Value;
 use model_core::catalogue::Kind;
+use serde_json::Value;
 use softrig::diagnose::decide::verdict::Answer;
 use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::of_actuator;
@@ -120,7 +120,11 @@ fn without_its_name_a_cubic_spring_is_a_formula() {
     let found = diagnosed("2*th^3", true, &without);
     assert_eq!(found.named(), ["term_angle_cubed"], "{:#}", found.verdict);
     let untried = found.diagnosis.untried.iter().map(|it| it.kind);
-    assert!(without.iter().all(|kind| untried.clone().any(|it| it == *kind)));
+    assert!(
+        without
+            .iter()
+            .all(|kind| untried.clone().any(|it| it == *kind))
+    );
 }
 
 /// What the catalogue has is named by its name, and never tried as a formula.

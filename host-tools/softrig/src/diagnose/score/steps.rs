@@ -9,7 +9,7 @@
 use crate::diagnose::score::localise::edges;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
-use crate::statistics::{mean, median};
+use crate::statistics::{mean, median, swing};
 use softrig_formats::numbers::short;
 
 /// A feature of a response to a step of the pressure.
@@ -148,6 +148,9 @@ pub fn step_gaps(data: &Dataset, refit: &Fit, noise: f64) -> Vec<StepGap> {
 /// Least step, as a share of the largest angle.
 const LEAST_STEP: f64 = 0.1;
 
+/// Most that the last fifth of a step moves, as a share of it: what has not come to rest has none.
+const MOVES: f64 = 0.2;
+
 /// Least samples of a step.
 const LEAST_SAMPLES: usize = 40;
 
@@ -170,7 +173,8 @@ impl Step {
         let before = mean(&series[from.saturating_sub(5)..=from]);
         let rest = mean(&all[count - count / 5..]);
         let step = rest - before;
-        if step.abs() < least.max(5.0 * noise) {
+        let end = &all[count - count / 5..];
+        if step.abs() < least.max(5.0 * noise) || swing(end) > MOVES * step.abs() + 6.0 * noise {
             return None;
         }
         let is_return = rest.abs() < before.abs();
@@ -295,8 +299,8 @@ mod tests {
 
     const INTERVAL: f64 = 0.01;
 
-    /// A damped swing to one after a step at the fifth sample.
-    fn swing(frequency: f64, decay: f64, rest: f64) -> (Vec<f64>, Vec<f64>) {
+    /// A damped swing about its rest after a step at the first sample.
+    fn damped(frequency: f64, decay: f64, rest: f64) -> (Vec<f64>, Vec<f64>) {
         let time: Vec<f64> = (0..1600).map(|k| INTERVAL * f64::from(k)).collect();
         let angle = time
             .iter()
@@ -306,7 +310,7 @@ mod tests {
     }
 
     fn read(frequency: f64, decay: f64, rest: f64) -> Step {
-        let (time, angle) = swing(frequency, decay, rest);
+        let (time, angle) = damped(frequency, decay, rest);
         Step::of(&time, &angle, 0, 1e-4, 0.01).unwrap()
     }
 
@@ -329,6 +333,12 @@ mod tests {
         assert!((of(StepFeature::Overshoot) - overshoot).abs() < 2.0);
         assert!(of(StepFeature::Drift).abs() < 0.01);
         assert!(step.values[StepFeature::Return as usize].is_none());
+    }
+
+    #[test]
+    fn what_does_not_come_to_rest_is_not_read() {
+        let (time, angle) = damped(10.0, 0.05, 0.5);
+        assert!(Step::of(&time, &angle, 0, 1e-4, 0.01).is_none());
     }
 
     #[test]
