@@ -294,10 +294,13 @@ impl Pass {
         };
         // What the answer stands on is said first.
         let setups = turns::contradictions(file, data, refit, floor.rms, job);
-        let bent = if finding.is_quiet() {
-            Vec::new()
+        let (bent, steps) = if finding.is_quiet() {
+            Default::default()
         } else {
-            far_numbers(file, &refit.fit)
+            (
+                far_numbers(file, &refit.fit),
+                step_gaps(data, &refit.fit, floor.white),
+            )
         };
         let concerns = about_files
             .into_iter()
@@ -330,11 +333,7 @@ impl Pass {
             held_out,
             tried: found.tried(validator.floor()),
             alike: found.rows.alike.clone(),
-            steps: if finding.is_quiet() {
-                Vec::new()
-            } else {
-                step_gaps(data, &refit.fit, floor.white)
-            },
+            steps,
             rivals,
             proposals,
             adequacy,

@@ -23,6 +23,9 @@ use softrig_formats::own_effects::{DeclaredParameter, Formulated, Hold};
 
 use crate::diagnose::score::scales::Scales;
 
+/// How the names of terms begin.
+const PREFIX: &str = "term_";
+
 /// A factor of a term.
 #[derive(Clone, Debug)]
 struct Factor {
@@ -212,23 +215,14 @@ fn pressures() -> Vec<Factor> {
 /// What dissipation grows with: never below zero.
 fn growths() -> Vec<Factor> {
     let of = Factor::of;
-    vec![
+    let never_below = [
         of("angle", "the angle", "abs(th)", "rad"),
         of("angle_squared", "the square of the angle", "th^2", "rad^2"),
         of("pressure", "the pressure", "max(p, 0)", "kPa"),
-        of(
-            "pressure_squared",
-            "the square of the pressure",
-            "p^2",
-            "kPa^2",
-        ),
-        of(
-            "pressure_root",
-            "the root of the pressure",
-            "sqrt(max(p, 0))",
-            "kPa^0.5",
-        ),
-    ]
+    ];
+    // The pressure itself may be below zero, its powers are not.
+    let powers = pressures().into_iter().skip(1);
+    never_below.into_iter().chain(powers).collect()
 }
 
 /// What opposes the motion.
@@ -331,16 +325,15 @@ fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
 /// c times the factors.
 fn product(name: &str, title: &str, factors: &[&Factor], least: Option<f64>) -> Option<Kind> {
     let text: Vec<&str> = factors.iter().map(|factor| factor.text.as_str()).collect();
-    let mut parameters = vec![size("c", factors, least)];
-    parameters.extend(factors.iter().filter_map(|factor| factor.shape.clone()));
-    Formulated {
-        name: format!("term_{name}"),
-        title: title.into(),
-        force: format!("c*{}", text.join("*")),
-        parameters,
-        special_case: None,
-    }
-    .kind()
+    let sizes = vec![size("c", factors, least)];
+    term(
+        name,
+        title.into(),
+        format!("c*{}", text.join("*")),
+        sizes,
+        factors,
+        None,
+    )
 }
 
 /// (a + b m) g: more than b m g alone only where the constant part shows.
@@ -351,17 +344,36 @@ fn with_constant(
     resistance: &Factor,
     alone: Option<Kind>,
 ) -> Option<Kind> {
-    let mut parameters = vec![
+    let sizes = vec![
         size("a", &[resistance], Some(0.0)),
         size("b", &[growth, resistance], Some(0.0)),
     ];
-    parameters.extend(resistance.shape.clone());
+    term(
+        &format!("{name}_and_constant"),
+        format!("{title}, beside a constant part"),
+        format!("(a + b*{})*{}", growth.text, resistance.text),
+        sizes,
+        &[growth, resistance],
+        alone,
+    )
+}
+
+/// A term of these sizes, with what shapes its factors.
+fn term(
+    name: &str,
+    title: String,
+    force: String,
+    sizes: Vec<DeclaredParameter>,
+    factors: &[&Factor],
+    special_case: Option<Kind>,
+) -> Option<Kind> {
+    let shapes = factors.iter().filter_map(|factor| factor.shape.clone());
     Formulated {
-        name: format!("term_{name}_and_constant"),
-        title: format!("{title}, beside a constant part"),
-        force: format!("(a + b*{})*{}", growth.text, resistance.text),
-        parameters,
-        special_case: alone,
+        name: format!("{PREFIX}{name}"),
+        title,
+        force,
+        parameters: sizes.into_iter().chain(shapes).collect(),
+        special_case,
     }
     .kind()
 }
@@ -389,7 +401,7 @@ fn size(key: &str, factors: &[&Factor], min: Option<f64>) -> DeclaredParameter {
 
 /// Whether an effect is a term of the grammar.
 pub fn is_term(kind: Kind) -> bool {
-    kind.name().starts_with("term_")
+    kind.name().starts_with(PREFIX)
 }
 
 #[cfg(test)]
