@@ -2,7 +2,7 @@
 //!
 //! A generator draws a law, in structure and size, hides it in an actuator, and asks. It knows nothing of the grammar that
 //! the diagnosis searches: its laws are texts, made of factors that a mechanical engineer would write down, and a third
-//! of them cannot be written in that grammar. In every fifth actuator nothing is hidden.
+//! of them cannot be written in that grammar. In two of five actuators nothing is hidden.
 //!
 //! Two laws are one where their forces go together along the recorded motion ([`ALIKE`]): recordings that do not tell θ²
 //! from 1 − cos θ do not need to.
@@ -42,11 +42,11 @@ const AS_GOOD: f64 = 1.2;
 #[derive(Args, Debug)]
 #[command(after_help = "\
 Examples:
-  cargo xtask bench laws --seeds 1..60 --docs
+  cargo xtask bench laws --seeds 1..150 --docs
   cargo xtask bench laws --seeds 7 --noise-deg 0.5")]
 pub struct Options {
     /// Seeds: a range with both ends, 1..4, or a list, 1,5,9
-    #[arg(long, value_parser = Seeds::parse, default_value = "1..60")]
+    #[arg(long, value_parser = Seeds::parse, default_value = "1..150")]
     seeds: Seeds,
     /// RMS noise of the angle sensor, in degrees
     #[arg(long, default_value_t = 0.2)]
@@ -81,6 +81,47 @@ impl Class {
 struct Law {
     class: Class,
     force: String,
+    memory: Option<Memory>,
+}
+
+/// A hidden state z of a law.
+struct Memory {
+    /// What it follows.
+    follows: &'static str,
+    /// How fast (s).
+    time_constant: f64,
+}
+
+impl Law {
+    /// As a reader sees it.
+    fn shown(&self) -> String {
+        match &self.memory {
+            Some(memory) => format!(
+                "{}, z follows {} within {:.1} s",
+                self.force, memory.follows, memory.time_constant
+            ),
+            None => self.force.clone(),
+        }
+    }
+
+    /// The keys of its section.
+    fn section(&self, size: f64) -> String {
+        let (memory, time) = match &self.memory {
+            Some(it) => (
+                format!(
+                    "memory = {{ z = {{ follows = \"{}\", time_constant = \"tau\" }} }}\n",
+                    it.follows
+                ),
+                format!(", tau = {{ value = {:.3}, min = 0.01 }}", it.time_constant),
+            ),
+            None => Default::default(),
+        };
+        format!(
+            "\n[[effect]]\nkind = \"custom\"\nname = \"law\"\nforce = \"s*({})\"\n{memory}\
+             parameters = {{ s = {size:e}{time} }}\n",
+            self.force
+        )
+    }
 }
 
 /// One of several.
@@ -92,16 +133,51 @@ impl Law {
     /// Draws one for an actuator of this pressure scale (kPa).
     fn draw(random: &mut Pcg32, kpa: f64) -> Self {
         let class = match random.random_range(0..5) {
-            0 => Class::Nothing,
-            1 | 2 => Class::Beyond,
+            0 | 1 => Class::Nothing,
+            2 => Class::Beyond,
             _ => Class::Within,
         };
-        let force = match class {
-            Class::Nothing => "0*th".to_owned(),
-            Class::Within => Self::within(random, kpa),
-            Class::Beyond => Self::beyond(random, kpa),
+        // One law in five remembers.
+        let remembers = random.random_range(0..5) == 0;
+        let (force, follows) = match class {
+            Class::Nothing => ("0*th".to_owned(), None),
+            Class::Within if remembers => Self::remembering(random),
+            Class::Within => (Self::within(random, kpa), None),
+            Class::Beyond if remembers => Self::remembering_otherwise(random),
+            Class::Beyond => (Self::beyond(random, kpa), None),
         };
-        Self { class, force }
+        let time_constant = random.random_range(0.7_f64.ln()..6.0_f64.ln()).exp();
+        let memory = follows.map(|follows| Memory {
+            follows,
+            time_constant,
+        });
+        Self {
+            class,
+            force,
+            memory,
+        }
+    }
+
+    fn remembering(random: &mut Pcg32) -> (String, Option<&'static str>) {
+        let (force, follows) = match random.random_range(0..6) {
+            0 => ("th^3 - z", "th^3"),
+            1 => ("th^2 - z", "th^2"),
+            2 => ("p - z", "p"),
+            3 => ("z*tanh(w/0.05)", "max(p, 0)"),
+            4 => ("z*w", "abs(w)"),
+            _ => ("z*th", "abs(w)"),
+        };
+        (force.to_owned(), Some(follows))
+    }
+
+    fn remembering_otherwise(random: &mut Pcg32) -> (String, Option<&'static str>) {
+        let (force, follows) = match random.random_range(0..4) {
+            0 => ("tanh(3*th) - z", "tanh(3*th)"),
+            1 => ("z*w", "p*abs(th)"),
+            2 => ("z^2*tanh(w/0.05)", "abs(th)"),
+            _ => ("sqrt(max(p, 0)) - z", "sqrt(max(p, 0))"),
+        };
+        (force.to_owned(), Some(follows))
     }
 
     fn curve(random: &mut Pcg32) -> String {
@@ -259,11 +335,7 @@ fn actuator(seed: u64, noise_deg: f64) -> Result<(Law, ModelFile), InputError> {
     let share = random.random_range(0.08_f64.ln()..0.4_f64.ln()).exp();
     let text = plain.truth.split("[fit]").next().unwrap_or_default();
     let with = |size: f64| {
-        let all = format!(
-            "{text}\n[[effect]]\nkind = \"custom\"\nname = \"law\"\nforce = \"s*({})\"\n\n\
-             [effect.parameters]\ns = {size:e}\n",
-            law.force
-        );
+        let all = format!("{text}{}", law.section(size));
         ModelFile::parse(&all, Path::new("truth.toml"))
     };
     let alone = with(1.0)?;
@@ -280,7 +352,7 @@ fn actuator(seed: u64, noise_deg: f64) -> Result<(Law, ModelFile), InputError> {
 
 /// The largest force within the states that an actuator passes.
 fn largest(effect: &Effect<f64>, angle: f64, rate: f64, kpa: f64) -> f64 {
-    use model_core::effects::{Instant, Mechanism};
+    use model_core::effects::{Instant, Mechanism, Rest};
     let mut most = 0.0_f64;
     for share in [0.25, 0.5, 0.75, 1.0] {
         for rate in [-rate, 0.0, rate] {
@@ -290,8 +362,20 @@ fn largest(effect: &Effect<f64>, angle: f64, rate: f64, kpa: f64) -> f64 {
                 rate,
                 pressure: 1e3 * share * kpa,
             };
-            let force: f64 = effect.force(&at, &[0.0; 2], &mut [0.0; 2]);
-            most = most.max(force.abs());
+            // With nothing to remember, and with all there is.
+            let settled = effect.at_rest(&Rest {
+                angle: at.angle,
+                start: at.angle,
+                rate,
+                pressure: at.pressure,
+                reading: at.angle,
+            });
+            // What follows the speed is nothing after a rest.
+            let moved = settled.map(|past| if past == 0.0 { rate.abs() } else { past });
+            for past in [[0.0; 2], moved] {
+                let force: f64 = effect.force(&at, &past, &mut [0.0; 2]);
+                most = most.max(force.abs());
+            }
         }
     }
     most
@@ -313,7 +397,7 @@ impl Asked {
         Ok(Self {
             seed,
             class: law.class,
-            law: law.force,
+            law: law.shown(),
             said: said(&diagnosis, &truth.model),
             answer: [answer.as_str().unwrap_or_default(), &names.join("+")].join(" "),
             refit_rmse_deg: diagnosis.refit.rmse().to_degrees(),

@@ -20,12 +20,22 @@ struct Found {
 
 /// An actuator with this force, in N, beside spring and damper; half the recordings of an example.
 fn diagnosed(force: &str, formulas: bool, without: &[Kind]) -> Found {
+    diagnosed_with(force, "", formulas, without)
+}
+
+/// With more in its section, and other effects.
+fn diagnosed_with(force: &str, more: &str, formulas: bool, without: &[Kind]) -> Found {
     let truth = format!(
         "schema = 1\nname = \"rig\"\n\n[dynamics]\ninertia_kg_m = 0.3\n\
          damping_n_s_per_rad = 1.5\nstiffness_n_per_rad_n = 5.0\nexponent = 1.727\n\
          input_gain_n_per_kpa = 0.12\n\n[[effect]]\nkind = \"custom\"\nname = \"hidden\"\n\
-         force = \"s*{force}\"\n\n[effect.parameters]\ns = 1.0\n"
+         force = \"s*{force}\"\n{more}"
     );
+    let truth = if more.contains("s = 1.0") {
+        truth
+    } else {
+        truth + "\n[effect.parameters]\ns = 1.0\n"
+    };
     let truth = ModelFile::parse(&truth, Path::new("truth.toml")).unwrap();
     let example = of_actuator(&truth, 0.2, 3).unwrap();
     let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
@@ -92,6 +102,69 @@ fn friction_that_grows_with_the_pressure_is_named_by_its_formula() {
     assert_eq!(
         effect.kind().info().title,
         "dry friction that grows with the pressure, beside a constant part"
+    );
+}
+
+/// A seal that remembers the pressure: a hidden state with its time constant, which is written and
+/// read again.
+#[test]
+fn a_friction_that_remembers_the_pressure_is_named_with_its_time() {
+    let more = "memory = { z = { follows = \"max(p, 0)\", time_constant = \"tau\" } }\n\
+                parameters = { s = 1.0, tau = { value = 3.0, min = 0.01 } }\n";
+    let found = diagnosed_with("0.02*z*tanh(w/0.05)", more, true, &[]);
+    let named = found.named();
+    assert_eq!(
+        named,
+        ["term_friction_with_past_pressure"],
+        "{:#}",
+        found.verdict
+    );
+    let effect = &found.verdict["effects"][0];
+    let parameter = |key: &str| effect["parameters"][key].as_f64().unwrap();
+    assert!((parameter("c") - 0.02).abs() < 0.002, "{effect:#}");
+    assert!((parameter("tau") - 3.0).abs() < 0.3, "{effect:#}");
+    assert!(
+        found.sentence.contains("dz/dt = (max(p, 0) - z)/"),
+        "{}",
+        found.sentence
+    );
+    let written = found.diagnosis.model_text(&found.file);
+    let again = ModelFile::parse(&written, Path::new("repaired.toml")).unwrap();
+    assert_eq!(
+        again
+            .model
+            .effects()
+            .next()
+            .unwrap()
+            .kind()
+            .info()
+            .states
+            .len(),
+        1
+    );
+}
+
+/// A law that no catalogue has, and an effect of the catalogue beside it: both are said.
+#[test]
+fn a_formula_beside_an_effect_is_found_with_it() {
+    let more = "parameters = { s = 1.0 }\n\n\
+                [[effect]]\nkind = \"maxwell_branch\"\nstiffness_n_per_rad = 0.8\n\
+                time_constant_s = 2.0\n";
+    let found = diagnosed_with("0.5*p^2/1000", more, true, &[]);
+    let mut named = found.named();
+    named.sort_unstable();
+    assert_eq!(
+        named,
+        ["maxwell_branch", "term_pressure_squared"],
+        "{:#}",
+        found.verdict
+    );
+    assert!(
+        found
+            .sentence
+            .starts_with("What is missing is not in the catalogue alone."),
+        "{}",
+        found.sentence
     );
 }
 

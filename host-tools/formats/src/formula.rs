@@ -101,6 +101,7 @@ pub struct Formula {
     instructions: Vec<Instruction>,
     result: Operand,
     parameters: usize,
+    memories: usize,
 }
 
 impl Formula {
@@ -110,6 +111,19 @@ impl Formula {
     ///
     /// The first fault, with its place.
     pub fn parse(text: &str, parameters: &[&str]) -> Result<Self, Fault> {
+        Self::with_memories(text, parameters, &[])
+    }
+
+    /// Reads a formula with these parameters and memories.
+    ///
+    /// # Errors
+    ///
+    /// The first fault, with its place.
+    pub fn with_memories(
+        text: &str,
+        parameters: &[&str],
+        memories: &[&str],
+    ) -> Result<Self, Fault> {
         if let Some((at, _)) = text.char_indices().nth(LONGEST) {
             return Err(Fault::new(
                 at,
@@ -122,6 +136,7 @@ impl Formula {
             next: 0,
             end: text.len(),
             parameters,
+            memories,
             instructions: Vec::new(),
             waiting: 0,
             depth: 0,
@@ -144,6 +159,7 @@ impl Formula {
             instructions: parser.instructions,
             result,
             parameters: parameters.len(),
+            memories: memories.len(),
         })
     }
 
@@ -151,6 +167,12 @@ impl Formula {
     pub fn uses(&self, parameter: usize) -> bool {
         self.operands()
             .any(|it| matches!(it, Operand::Parameter(index) if usize::from(index) == parameter))
+    }
+
+    /// Whether the memory at this index stands in the formula.
+    pub fn recalls(&self, memory: usize) -> bool {
+        self.operands()
+            .any(|it| matches!(it, Operand::Memory(index) if usize::from(index) == memory))
     }
 
     /// The variables that stand in the formula.
@@ -169,13 +191,18 @@ impl Formula {
 
     /// The program.
     pub fn program(&self) -> Option<Program<'_>> {
-        Program::new(&self.instructions, self.result, self.parameters)
+        Program::new(
+            &self.instructions,
+            self.result,
+            self.parameters,
+            self.memories,
+        )
     }
 
     /// The program for as long as this one runs.
     pub fn leaked(self) -> Option<Program<'static>> {
         let instructions = Box::leak(self.instructions.into_boxed_slice());
-        Program::new(instructions, self.result, self.parameters)
+        Program::new(instructions, self.result, self.parameters, self.memories)
     }
 }
 
@@ -343,6 +370,7 @@ struct Parser<'t> {
     next: usize,
     end: usize,
     parameters: &'t [&'t str],
+    memories: &'t [&'t str],
     instructions: Vec<Instruction>,
     /// Results that wait to be read. Expressions nest, so they are in the places below
     /// this one, and those that the next instruction reads are the last of them.
@@ -431,7 +459,10 @@ impl<'t> Parser<'t> {
 
     fn name(&mut self, at: usize, name: &str) -> Result<Operand, Fault> {
         let is_call = self.peek().1 == Token::Open;
-        let find_parameter = || self.parameters.iter().position(|known| *known == name);
+        let find = |known: &[&str]| {
+            let place = known.iter().position(|known| *known == name);
+            place.and_then(|index| u8::try_from(index).ok())
+        };
         if let Some((_, function)) = FUNCTIONS.iter().find(|(known, _)| *known == name) {
             let [x] = self.arguments(at, name)?;
             return self.unary(at, *function, x);
@@ -445,8 +476,10 @@ impl<'t> Parser<'t> {
             Operand::Variable(*variable)
         } else if let Some((_, number)) = CONSTANTS.iter().find(|(known, _)| *known == name) {
             Operand::Constant(*number)
-        } else if let Some(index) = find_parameter().and_then(|index| u8::try_from(index).ok()) {
+        } else if let Some(index) = find(self.parameters) {
             Operand::Parameter(index)
+        } else if let Some(index) = find(self.memories) {
+            Operand::Memory(index)
         } else {
             return Err(self.unknown(at, name, is_call));
         };
@@ -465,6 +498,7 @@ impl<'t> Parser<'t> {
         let mut values: Vec<&str> = VARIABLES.iter().map(|(name, _)| *name).collect();
         values.extend(CONSTANTS.iter().map(|(name, _)| *name));
         values.extend(self.parameters);
+        values.extend(self.memories);
         let (what, known) = if is_call {
             ("function", functions)
         } else {
@@ -635,6 +669,7 @@ mod tests {
 
     const PARAMETERS: [&str; 3] = ["a", "b", "c"];
     const VALUES: [f64; 3] = [0.7, 1.3, -0.4];
+    const NO_MEMORY: [f64; 2] = [0.0; 2];
     /// th = 0.6 rad, w = −0.8 rad/s, p = 20 kPa, t = 3 s.
     const STATE: [f64; 4] = [0.6, -0.8, 20.0, 3.0];
 
@@ -652,7 +687,10 @@ mod tests {
         let formula = Formula::parse(text, &PARAMETERS).unwrap_or_else(|fault| {
             panic!("{text}: {fault:?}");
         });
-        formula.program().unwrap().at(&VALUES, &at(STATE))
+        formula
+            .program()
+            .unwrap()
+            .at(&VALUES, &at(STATE), &NO_MEMORY)
     }
 
     fn fault(text: &str) -> Fault {
@@ -894,7 +932,7 @@ mod tests {
             let (text, expected) = (tree.text(), tree.value());
             match Formula::parse(&text, &PARAMETERS) {
                 Ok(formula) => {
-                    let found = formula.program().unwrap().at(&VALUES, &at(STATE));
+                    let found = formula.program().unwrap().at(&VALUES, &at(STATE), &NO_MEMORY);
                     let room = 1e-9 * expected.abs().max(1.0);
                     prop_assert!(
                         (found - expected).abs() <= room || !expected.is_finite(),
@@ -917,9 +955,9 @@ mod tests {
                     let program = formula.program();
                     prop_assert!(program.is_some(), "{text}");
                     if let Some(program) = program {
-                        let _ = program.at(&VALUES, &at(state));
+                        let _ = program.at(&VALUES, &at(state), &NO_MEMORY);
                         let [angle, rate, pressure, time] = [0.0_f32; 4];
-                        let _ = program.at(&[0.0_f32; 3], &Instant { time, angle, rate, pressure });
+                        let _ = program.at(&[0.0_f32; 3], &Instant { time, angle, rate, pressure }, &[0.0; 2]);
                     }
                 }
                 Err(fault) => prop_assert!(text.is_char_boundary(fault.at), "{text}: {fault:?}"),

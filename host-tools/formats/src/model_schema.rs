@@ -119,7 +119,20 @@ fn effects() -> Vec<Value> {
         "properties": {
             "kind": { "const": own_effects::KIND },
             "name": { "type": "string" },
-            "force": { "type": "string", "description": "Q in N, of th, w, p, t and the parameters" },
+            "force": { "type": "string", "description": "Q in N, of th, w, p, t, the parameters and the memory" },
+            "memory": {
+                "type": "object",
+                "description": "Hidden states z: dz/dt = (follows - z)/time_constant",
+                "additionalProperties": {
+                    "type": "object",
+                    "required": ["follows", "time_constant"],
+                    "additionalProperties": false,
+                    "properties": {
+                        "follows": { "type": "string" },
+                        "time_constant": { "type": "string", "description": "A parameter, in s" },
+                    },
+                },
+            },
             "parameters": { "type": "object" },
         },
     }));

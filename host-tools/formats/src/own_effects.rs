@@ -15,6 +15,16 @@
 //! b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
 //! ```
 //!
+//! A force that depends on what was before has a memory, or two: a hidden state that follows
+//! something with a time constant, which is a parameter. After a long rest it is what it follows:
+//!
+//! ```toml
+//! force = "c*(th^3 - z)"
+//!
+//! [effect.memory]
+//! z = { follows = "th^3", time_constant = "tau" }     # ż = (th³ − z)/tau
+//! ```
+//!
 //! Each definition is kept until the program ends, once per text, so that the thousands of
 //! copies of a model hold only a reference.
 
@@ -25,14 +35,16 @@ use std::sync::{Mutex, PoisonError};
 
 use model_core::actuator::Model;
 use model_core::catalogue::{Effect, Kind};
-use model_core::effects::custom::{Custom, Definition, Formula, MAX_PARAMETERS, Program};
+use model_core::effects::custom::{
+    Custom, Definition, Formula, MAX_MEMORIES, MAX_PARAMETERS, Memory, Origin, Program,
+};
 use model_core::effects::table::Variable;
-use model_core::effects::{Info, Instant, Parameter, Place, Unit};
+use model_core::effects::{Info, Instant, Parameter, Place, State, Unit};
 use toml_edit::{InlineTable, Item, Table, TableLike, Value};
 
 use crate::error::InputError;
 use crate::family::Family;
-use crate::formula;
+use crate::formula::{self, with_values};
 use crate::model_file::{ModelFile, SCHEMA, replace_number, twice};
 use crate::numbers::tidy;
 use crate::recording::PASCAL_PER_KPA;
@@ -102,14 +114,6 @@ impl OwnEffects {
             path: path.to_owned(),
             kinds: parse(text, path)?,
         })
-    }
-
-    /// The effect of this name, here or in the catalogue.
-    pub fn find(own: Option<&Self>, name: &str) -> Option<Kind> {
-        let own = own.into_iter().flat_map(|own| &own.kinds);
-        own.copied()
-            .find(|kind| kind.name() == name)
-            .or_else(|| Kind::from_name(name).filter(|kind| kind.is_name()))
     }
 
     /// Refuses an effect that the model has under the same name with another formula.
@@ -221,6 +225,10 @@ pub struct Formulated {
     pub force: String,
     /// Its parameters, with the values at which fits start.
     pub parameters: Vec<DeclaredParameter>,
+    /// Its memories.
+    pub memories: Vec<DeclaredMemory>,
+    /// Its family; its own if none.
+    pub family: Option<Family>,
     /// The effect that it becomes at an end of its parameters.
     pub special_case: Option<Kind>,
 }
@@ -229,17 +237,18 @@ impl Formulated {
     /// The effect, as one that a diagnosis can try; none if the formula or a parameter is not
     /// valid.
     pub fn kind(&self) -> Option<Kind> {
-        let keys: Vec<&str> = self.parameters.iter().map(|row| row.key.as_str()).collect();
-        let formula = formula::Formula::parse(&self.force, &keys).ok()?;
+        let formulas = Formulas::parse(&self.force, &self.parameters, &self.memories).ok()?;
         let definition = kept(&Written {
             name: &self.name,
             title: Some(&self.title),
             force: &self.force,
-            family: None,
+            family: self.family,
             rows: &self.parameters,
+            memories: &self.memories,
             role: Role::Candidate,
+            origin: Origin::Grammar,
             special_case: self.special_case,
-            formula,
+            formulas,
         })?;
         Some(Kind::Custom(Formula(definition)))
     }
@@ -260,6 +269,108 @@ pub struct DeclaredParameter {
     pub unit: String,
     /// Whether fits leave it as it is.
     pub hold: Hold,
+}
+
+/// A memory as it stands in a section: ż = (g − z)/τ.
+#[derive(Clone, Debug)]
+pub struct DeclaredMemory {
+    /// Its name, z.
+    pub key: String,
+    /// What it follows, g.
+    pub follows: String,
+    /// The parameter that is its time constant τ (s).
+    pub time_constant: String,
+}
+
+/// The formulas of an effect, read.
+#[derive(Clone)]
+struct Formulas {
+    force: formula::Formula,
+    /// What each memory follows, and the place of its time constant among the parameters.
+    memories: Vec<(formula::Formula, usize)>,
+}
+
+/// A fault in one of the formulas, and the place of the memory whose it is; none for the force.
+type FaultIn = (Option<usize>, formula::Fault);
+
+impl DeclaredMemory {
+    /// The hidden state that it is, for exported code.
+    fn state(&self) -> State {
+        State {
+            key: leak(self.key.clone()),
+            text: leak(format!(
+                "{}, which follows {} with the time constant {}",
+                self.key, self.follows, self.time_constant
+            )),
+        }
+    }
+}
+
+impl Formulas {
+    fn parse(
+        force: &str,
+        rows: &[DeclaredParameter],
+        memories: &[DeclaredMemory],
+    ) -> Result<Self, FaultIn> {
+        let keys: Vec<&str> = rows.iter().map(|row| row.key.as_str()).collect();
+        let names: Vec<&str> = memories.iter().map(|it| it.key.as_str()).collect();
+        let force =
+            formula::Formula::with_memories(force, &keys, &names).map_err(|fault| (None, fault))?;
+        let memories = memories.iter().enumerate().map(|(index, memory)| {
+            let follows = formula::Formula::parse(&memory.follows, &keys)
+                .map_err(|fault| (Some(index), fault))?;
+            let place = keys.iter().position(|key| *key == memory.time_constant);
+            let place = place.ok_or_else(|| {
+                let fault = formula::Fault {
+                    at: 0,
+                    found: format!("there is no parameter \"{}\"", memory.time_constant),
+                    advice: format!("give the time constant one of: {}", keys.join(", ")),
+                };
+                (Some(index), fault)
+            })?;
+            Ok((follows, place))
+        });
+        Ok(Self {
+            force,
+            memories: memories.collect::<Result<_, FaultIn>>()?,
+        })
+    }
+
+    /// Whether a parameter stands in one of them.
+    fn use_parameter(&self, index: usize) -> bool {
+        let mut memories = self.memories.iter();
+        self.force.uses(index)
+            || memories.any(|(follows, place)| follows.uses(index) || *place == index)
+    }
+
+    /// The variables that stand in one of them.
+    fn variables(&self) -> Vec<Variable> {
+        let memories = self.memories.iter().map(|(follows, _)| follows);
+        let formulas: Vec<_> = memories.chain([&self.force]).collect();
+        let stands = |variable: &Variable| {
+            let mut formulas = formulas.iter();
+            formulas.any(|formula| formula.variables().contains(variable))
+        };
+        Variable::ALL.into_iter().filter(stands).collect()
+    }
+
+    /// Their programs for as long as this one runs.
+    fn leaked(self) -> Option<(Program<'static>, &'static [Memory])> {
+        let memories: Option<Vec<Memory>> = self
+            .memories
+            .into_iter()
+            .map(|(follows, place)| {
+                Some(Memory {
+                    follows: follows.leaked()?,
+                    time_constant: u8::try_from(place).ok()?,
+                })
+            })
+            .collect();
+        Some((
+            self.force.leaked()?,
+            Box::leak(memories?.into_boxed_slice()),
+        ))
+    }
 }
 
 /// Whether fits move a parameter.
@@ -334,29 +445,58 @@ pub(crate) fn read_section(
     reader.known_keys(
         section,
         "an effect with a formula",
-        &["kind", "name", "title", "force", "family", "parameters"],
+        &[
+            "kind",
+            "name",
+            "title",
+            "force",
+            "family",
+            "memory",
+            "parameters",
+        ],
     )?;
     let name = name(reader, section)?;
     let title = title(reader, section)?;
     let (force, force_at) = text_of(reader, section, "force", "\"a*tanh(w/b)\", in N")?;
     let family = family(reader, section)?;
     let rows = rows(reader, section)?;
-    let keys: Vec<&str> = rows.iter().map(|(row, _)| row.key.as_str()).collect();
-    let formula = formula::Formula::parse(force, &keys).map_err(|fault| {
-        let at = within(reader.text, &force_at, force, fault.at);
-        reader.fail_at(Some(at), format!("force: {}", fault.found), fault.advice)
+    let (rows, places): (Vec<DeclaredParameter>, Vec<_>) = rows.into_iter().unzip();
+    let (memories, texts): (Vec<DeclaredMemory>, Vec<_>) =
+        memories(reader, section, &rows)?.into_iter().unzip();
+    let formulas = Formulas::parse(force, &rows, &memories).map_err(|(memory, fault)| {
+        let (what, text, span) = match memory {
+            Some(index) => (
+                format!("memory.{}", memories[index].key),
+                memories[index].follows.as_str(),
+                &texts[index],
+            ),
+            None => ("force".to_owned(), force, &force_at),
+        };
+        let at = within(reader.text, span, text, fault.at);
+        reader.fail_at(Some(at), format!("{what}: {}", fault.found), fault.advice)
     })?;
-    for (index, (row, span)) in rows.iter().enumerate() {
-        if !formula.uses(index) {
+    for (index, (row, span)) in rows.iter().zip(places).enumerate() {
+        if !formulas.use_parameter(index) {
             return Err(reader.fail_at(
-                span.clone(),
+                span,
                 format!("the parameter {} is not in the formula", row.key),
                 "remove it, or use it in the formula",
             ));
         }
     }
-    let rows: Vec<DeclaredParameter> = rows.into_iter().map(|(row, _)| row).collect();
-    if let Some((state, value)) = formula.program().and_then(|it| not_finite(&it, &rows)) {
+    for (index, memory) in memories.iter().enumerate() {
+        if !formulas.force.recalls(index) {
+            return Err(reader.fail_at(
+                Some(texts[index].clone()),
+                format!(
+                    "the memory {} is not in the formula of the force",
+                    memory.key
+                ),
+                "remove it, or use it in the formula",
+            ));
+        }
+    }
+    if let Some((state, value)) = not_finite(&formulas, &rows) {
         return Err(reader.fail_at(
             Some(force_at),
             format!("the force is {value} at {state}"),
@@ -370,9 +510,11 @@ pub(crate) fn read_section(
         force,
         family,
         rows: &rows,
+        memories: &memories,
         role,
+        origin: Origin::Written,
         special_case: None,
-        formula,
+        formulas,
     })
     .ok_or_else(|| {
         reader.fail_at(
@@ -508,6 +650,105 @@ fn rows(
         .collect()
 }
 
+/// The memories, each with the place of what it follows.
+#[allow(clippy::type_complexity)] // A memory and where it stands.
+fn memories(
+    reader: &Reader<'_>,
+    section: &Table,
+    rows: &[DeclaredParameter],
+) -> Result<Vec<(DeclaredMemory, Span<usize>)>, InputError> {
+    const ADVICE: &str = "write [effect.memory] with a line such as \
+                          z = { follows = \"th\", time_constant = \"tau\" }";
+    let Some(item) = section.get("memory") else {
+        return Ok(Vec::new());
+    };
+    let table = item.as_table_like().filter(|table| !table.is_empty());
+    let Some(table) = table else {
+        return Err(reader.fail_at(item.span(), "the memory has no name", ADVICE));
+    };
+    if table.len() > MAX_MEMORIES {
+        return Err(reader.fail_at(
+            item.span(),
+            format!("the effect has {} memories", table.len()),
+            format!("keep at most {MAX_MEMORIES}"),
+        ));
+    }
+    table
+        .iter()
+        .map(|(key, item)| memory(reader, key, item, rows))
+        .collect()
+}
+
+fn memory(
+    reader: &Reader<'_>,
+    key: &str,
+    item: &Item,
+    rows: &[DeclaredParameter],
+) -> Result<(DeclaredMemory, Span<usize>), InputError> {
+    let fail = |span: Option<Span<usize>>, found: String, advice: &str| {
+        Err(reader.fail_at(span, found, advice.to_owned()))
+    };
+    if !formula::is_name(key) || key.len() > LONGEST_NAME {
+        return fail(
+            item.span(),
+            format!("\"{key}\" is no name of a memory"),
+            "use up to 40 letters, digits and _, beginning with a letter",
+        );
+    }
+    let taken = formula::meaning(key).or_else(|| {
+        rows.iter()
+            .any(|row| row.key == key)
+            .then_some("a parameter")
+    });
+    if let Some(meaning) = taken {
+        return fail(
+            item.span(),
+            format!("{key} is {meaning} already"),
+            "give the memory another name",
+        );
+    }
+    let table = item.as_table_like();
+    let text = |name: &str| {
+        table
+            .and_then(|table| table.get(name))
+            .and_then(Item::as_str)
+    };
+    let known = |name: &str| ["follows", "time_constant"].contains(&name);
+    let other = table.and_then(|table| table.iter().find(|(name, _)| !known(name)));
+    if let Some((name, entry)) = other {
+        return fail(
+            entry.span(),
+            format!("the memory {key} has no key {name}"),
+            "remove it; a memory has follows and time_constant",
+        );
+    }
+    let (Some(follows), Some(time_constant)) = (text("follows"), text("time_constant")) else {
+        return fail(
+            item.span(),
+            format!("the memory {key} does not say what it follows, and how fast"),
+            "write it as { follows = \"th\", time_constant = \"tau\" }, with a parameter tau in s",
+        );
+    };
+    let row = rows.iter().find(|row| row.key == time_constant);
+    if row.is_some_and(|row| row.min.unwrap_or(0.0) <= 0.0) {
+        return fail(
+            item.span(),
+            format!("the time constant {time_constant} may become zero"),
+            "give that parameter a smallest value above zero, such as min = 0.01",
+        );
+    }
+    let memory = DeclaredMemory {
+        key: key.to_owned(),
+        follows: follows.to_owned(),
+        time_constant: time_constant.to_owned(),
+    };
+    let span = table
+        .and_then(|table| table.get("follows"))
+        .and_then(Item::span)
+        .or(item.span());
+    Ok((memory, span.unwrap_or_default()))
+}
+
 fn row(reader: &Reader<'_>, key: &str, item: &Item) -> Result<DeclaredParameter, InputError> {
     let fail = |item: &Item, found: String, advice: &str| {
         Err(reader.fail_at(item.span(), found, advice.to_owned()))
@@ -633,7 +874,7 @@ fn unit(reader: &Reader<'_>, item: &Item) -> Result<String, InputError> {
 
 /// Where within ordinary ranges a force is not a finite number, and what it is there:
 /// with the parameters as written, and with each at an end of its range.
-fn not_finite(program: &Program<'_>, rows: &[DeclaredParameter]) -> Option<(String, f64)> {
+fn not_finite(formulas: &Formulas, rows: &[DeclaredParameter]) -> Option<(String, f64)> {
     const ANGLES: [f64; 9] = [0.0, 0.01, -0.01, 0.5, -0.5, 1.6, -1.6, 3.2, -3.2];
     const RATES: [f64; 7] = [0.0, 0.01, -0.01, 1.0, -1.0, 20.0, -20.0];
     // A sensor with noise shows less than no pressure.
@@ -649,8 +890,15 @@ fn not_finite(program: &Program<'_>, rows: &[DeclaredParameter]) -> Option<(Stri
             sets.push(set);
         }
     }
+    let program = formulas.force.program()?;
+    let follows: Vec<Program<'_>> = formulas
+        .memories
+        .iter()
+        .filter_map(|(follows, _)| follows.program())
+        .collect();
+    let variables = formulas.variables();
     let grid = |variable, values: &'static [f64]| {
-        if program.depends_on(variable) {
+        if variables.contains(&variable) {
             values
         } else {
             &[0.0]
@@ -667,7 +915,11 @@ fn not_finite(program: &Program<'_>, rows: &[DeclaredParameter]) -> Option<(Stri
                             rate,
                             pressure: kpa * PASCAL_PER_KPA,
                         };
-                        let force = program.at(&values, &at);
+                        let mut memory = [0.0; MAX_MEMORIES];
+                        for (state, follows) in memory.iter_mut().zip(&follows) {
+                            *state = follows.at(&values, &at, &[0.0; MAX_MEMORIES]);
+                        }
+                        let force = program.at(&values, &at, &memory);
                         if force.is_finite() {
                             continue;
                         }
@@ -691,9 +943,11 @@ struct Written<'a> {
     force: &'a str,
     family: Option<Family>,
     rows: &'a [DeclaredParameter],
+    memories: &'a [DeclaredMemory],
     role: Role,
+    origin: Origin,
     special_case: Option<Kind>,
-    formula: formula::Formula,
+    formulas: Formulas,
 }
 
 impl Written<'_> {
@@ -709,6 +963,16 @@ impl Written<'_> {
         table["force"] = toml_edit::value(self.force);
         if let Some(family) = self.family {
             table["family"] = toml_edit::value(family.to_string());
+        }
+        if !self.memories.is_empty() {
+            let mut memories = Table::new();
+            for memory in self.memories {
+                let mut entry = InlineTable::new();
+                entry.insert("follows", memory.follows.as_str().into());
+                entry.insert("time_constant", memory.time_constant.as_str().into());
+                memories[&memory.key] = Item::Value(Value::InlineTable(entry));
+            }
+            table["memory"] = Item::Table(memories);
         }
         let mut parameters = Table::new();
         for row in self.rows {
@@ -733,9 +997,23 @@ impl Written<'_> {
         table
     }
 
+    /// Its equations, as a report shows them.
+    fn equation(&self) -> String {
+        let memories = self.memories.iter().map(|memory| {
+            let DeclaredMemory {
+                key,
+                follows,
+                time_constant,
+            } = memory;
+            format!(", d{key}/dt = ({follows} - {key})/{time_constant}")
+        });
+        let memories: String = memories.collect();
+        format!("Q = {}{memories}", self.force)
+    }
+
     fn definition(self, text: &'static str) -> Option<&'static Definition> {
         let variables: Vec<&str> = self
-            .formula
+            .formulas
             .variables()
             .into_iter()
             .map(|variable| match variable {
@@ -773,28 +1051,32 @@ impl Written<'_> {
             })
             .collect();
         let name = leak(self.name.to_owned());
-        let program = self.formula.leaked()?;
+        let equation = self.equation();
+        let states: Vec<State> = self.memories.iter().map(DeclaredMemory::state).collect();
+        let (program, memories) = self.formulas.leaked()?;
         Some(Box::leak(Box::new(Definition {
             info: Info {
                 name,
                 title: self.title.map_or(name, |title| leak(title.to_owned())),
                 place: Place::Force,
-                equation: leak(format!("Q = {}", self.force)),
+                equation: leak(equation),
                 text: TEXT,
                 signature: leak(signature),
                 look_alikes: &[],
                 family: self.family.unwrap_or(Family::Own(name)),
                 needs: &[],
-                own_variable: program.own_variable(),
+                own_variable: program.own_variable().filter(|_| memories.is_empty()),
                 special_case: self.special_case,
                 imitates: &[],
                 told_by: &[],
                 doubtful: &[],
                 has_slope: true,
-                states: &[],
+                states: Box::leak(states.into_boxed_slice()),
             },
             parameters: Box::leak(parameters.into_boxed_slice()),
             program,
+            memories,
+            origin: self.origin,
             text,
         })))
     }
@@ -818,12 +1100,33 @@ fn kept(written: &Written<'_>) -> Option<&'static Definition> {
     }
     let text = leak(text);
     let again = Written {
-        formula: written.formula.clone(),
+        formulas: written.formulas.clone(),
         ..*written
     };
     let definition = again.definition(text)?;
     known.insert(text, definition);
     Some(definition)
+}
+
+/// The equations of an effect with its numbers, in three digits: `Q = 0.012*(th^3 - z) N,
+/// dz/dt = (th^3 - z)/2.50`.
+pub fn with_numbers(effect: &Custom<f64>) -> String {
+    let section = section(effect);
+    let keys = effect.formula().0.parameters.iter().map(|row| row.key);
+    let values: Vec<(&str, f64)> = keys
+        .enumerate()
+        .filter_map(|(index, key)| Some((key, effect.value(index)?)))
+        .collect();
+    let of = |item: Option<&Item>| item.and_then(Item::as_str).unwrap_or_default().to_owned();
+    let mut shown = format!("Q = {} N", with_values(&of(section.get("force")), &values));
+    let memories = section.get("memory").and_then(Item::as_table_like);
+    for (key, item) in memories.into_iter().flat_map(TableLike::iter) {
+        let entry = item.as_table_like();
+        let text = |name| of(entry.and_then(|entry| entry.get(name)));
+        let rate = format!("({} - {key})/{}", text("follows"), text("time_constant"));
+        shown += &format!(", d{key}/dt = {}", with_values(&rate, &values));
+    }
+    shown
 }
 
 /// A new section for an effect that a model file does not have.
@@ -987,9 +1290,6 @@ unit = "N/kPa"
         assert_eq!(pressed.parameters()[0].starts, [0.05, 0.001]);
         assert_eq!(wave.info().family, Family::StiffnessShape);
         assert_eq!(pressed.info().family, Family::Own("pressed"));
-        assert_eq!(OwnEffects::find(Some(&own), "wave"), Some(*wave));
-        assert!(OwnEffects::find(Some(&own), "gravity").is_some());
-        assert!(OwnEffects::find(None, "wave").is_none());
 
         let plain = MODEL.split("[fit]").next().unwrap();
         let file = model(plain);
@@ -1191,5 +1491,82 @@ unit = "N/kPa"
         let error = crate::settings_file::from_model(&model(MODEL)).unwrap_err();
         assert!(error.found.contains("my_friction by a formula"), "{error}");
         assert!(error.advice.contains("kind = \"table\""), "{error}");
+    }
+
+    const REMEMBERS: &str = r#"schema = 1
+[[effect]]
+kind = "custom"
+name = "set"
+force = "c*(th^3 - z)"
+memory = { z = { follows = "th^3", time_constant = "tau" } }
+parameters = { c = { value = 2.0, unit = "N/rad^3" }, tau = { value = 1.5, min = 0.1, max = 30 } }
+"#;
+
+    fn remembers(from: &str, to: &str) -> Result<OwnEffects, InputError> {
+        assert!(REMEMBERS.contains(from), "{from}");
+        OwnEffects::parse(&REMEMBERS.replace(from, to), Path::new("own.toml"))
+    }
+
+    #[test]
+    fn a_memory_is_read_written_and_shown() {
+        let own = remembers("", "").unwrap();
+        let effect: Effect<f64> = own.kinds[0].build(&[2.0, 1.5]).unwrap();
+        let at = Instant {
+            time: 0.0,
+            angle: 2.0,
+            rate: 0.0,
+            pressure: 0.0,
+        };
+        let mut rates = [0.0; 2];
+        let force: f64 = effect.force(&at, &[5.0, 0.0], &mut rates);
+        assert!((force - 6.0).abs() < 1e-12);
+        assert!((rates[0] - 2.0).abs() < 1e-12 && rates[1].abs() < 1e-12);
+        let info = own.kinds[0].info();
+        assert_eq!(info.equation, "Q = c*(th^3 - z), dz/dt = (th^3 - z)/tau");
+        assert_eq!(info.states[0].key, "z");
+        assert_eq!(info.own_variable, None);
+        let Effect::Custom(custom) = effect else {
+            panic!("{effect:?}");
+        };
+        let shown = "Q = 2.00*(th^3 - z) N, dz/dt = (th^3 - z)/1.50";
+        assert_eq!(with_numbers(&custom), shown);
+        let written = format!("schema = 1\n[[effect]]\n{}", section(&custom));
+        let written = written.replace("[memory]", "[effect.memory]");
+        let written = written.replace("[parameters]", "[effect.parameters]");
+        let again = OwnEffects::parse(&written, Path::new("own.toml"));
+        assert_eq!(again.unwrap().kinds, own.kinds, "{written}");
+    }
+
+    #[test]
+    fn a_memory_that_is_none_is_refused_with_its_place() {
+        for (from, to, found) in [
+            ("follows = \"th^3\"", "follows = \"th^^3\"", "memory.z: "),
+            ("follows = \"th^3\"", "follows = \"z\"", "\"z\""),
+            (
+                "time_constant = \"tau\"",
+                "time_constant = \"T\"",
+                "parameter \"T\"",
+            ),
+            ("min = 0.1, ", "", "may become zero"),
+            ("min = 0.1, ", "min = 0.0, ", "may become zero"),
+            ("(th^3 - z)", "th^3", "the memory z is not in the formula"),
+            ("z = {", "p = {", "p is a variable already"),
+            ("z = {", "tau = {", "tau is a parameter already"),
+            ("time_constant = ", "tau = ", "has no key tau"),
+            (
+                "{ z = { follows = \"th^3\", time_constant = \"tau\" } }",
+                "{}",
+                "no name",
+            ),
+            (
+                "{ follows = \"th^3\", time_constant = \"tau\" }",
+                "3",
+                "does not say",
+            ),
+        ] {
+            let error = remembers(from, to).unwrap_err().to_string();
+            assert!(error.contains(found), "{to}: {error}");
+            assert!(error.contains("own.toml:"), "{error}");
+        }
     }
 }

@@ -36,6 +36,7 @@ proptest! {
         let _ = program.at(
             &parameters.map(Dual::constant),
             &Instant { time, angle, rate, pressure },
+            &[Dual::constant(0.0); 2],
         );
     }
 
@@ -60,7 +61,7 @@ proptest! {
         let number = |all: [f64; 7]| {
             let [a, b, c, th, w, p, t] = all;
             let pressure = p * PASCAL_PER_KPA;
-            program.at(&[a, b, c], &Instant { time: t, angle: th, rate: w, pressure })
+            program.at(&[a, b, c], &Instant { time: t, angle: th, rate: w, pressure }, &[0.0; 2])
         };
         let dual: [Dual<7>; 7] =
             std::array::from_fn(|index| Dual::variable(all[index], index, 1.0));
@@ -68,6 +69,7 @@ proptest! {
         let exact = program.at(
             &[a, b, c],
             &Instant { time: t, angle: th, rate: w, pressure: p * Dual::constant(PASCAL_PER_KPA) },
+            &[Dual::constant(0.0); 2],
         );
         prop_assert!((exact.value() - number(all)).abs() < 1e-12 * exact.value().abs().max(1.0));
         for (index, slope) in exact.partials().into_iter().enumerate() {

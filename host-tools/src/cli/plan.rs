@@ -18,6 +18,7 @@ use softrig::diagnose::fit::candidates::{Candidate, typical};
 use softrig::diagnose::fit::identifiability::{self, Refitted};
 use softrig::diagnose::fit::structures;
 use softrig::diagnose::recordings::noise::NoiseFloor;
+use softrig::diagnose::score::grammar::{PREFIX, terms};
 use softrig::diagnose::score::scales::Scales;
 use softrig::diagnose::work::executor::Executor;
 use softrig::estimate::assemble::assemble;
@@ -42,7 +43,8 @@ use softrig_formats::recording::Recording;
 #[command(after_help = "\
 Examples:
   softrig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
-  softrig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60")]
+  softrig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60
+  softrig plan --model m.toml --between term_angle_5,cubic_stiffness run.csv")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
@@ -191,7 +193,11 @@ impl Plan {
         noise_deg: Option<f64>,
     ) -> Result<(Self, Vec<Proposal>), InputError> {
         unit_errors::refuse(file, &recordings)?;
-        let pair = between(pair, own)?;
+        let mut known: Vec<Kind> = own.into_iter().flat_map(|own| own.kinds.clone()).collect();
+        if pair.contains(PREFIX) {
+            known.extend(grammar(file, &recordings));
+        }
+        let pair = between(pair, &known)?;
         refuse_what_it_has(file, &pair)?;
         let limits = limits.of_rig(&recordings);
         let noise = match noise_deg {
@@ -277,11 +283,27 @@ fn refuse_what_it_has(file: &ModelFile, pair: &[Vec<Kind>; 2]) -> Result<(), Inp
     }
 }
 
-/// The two explanations in `--between`.
-fn between(text: &str, own: Option<&OwnEffects>) -> Result<[Vec<Kind>; 2], InputError> {
+/// The terms that a diagnosis finds where no effect of the catalogue explains the recordings, with
+/// ranges of their size; without recordings, of the size of nominal steps.
+fn grammar(file: &ModelFile, recordings: &[Recording]) -> Vec<Kind> {
+    let data = if recordings.is_empty() {
+        Dataset::of(&nominal_steps(file))
+    } else {
+        Dataset::of(recordings)
+    };
+    let fitter = Fitter::new(&file.model, &data);
+    terms(&Scales::of(&fitter, &fitter.compare(&file.model)), &[])
+}
+
+/// The two explanations in `--between`: effects of the catalogue, or `known` ones.
+fn between(text: &str, known: &[Kind]) -> Result<[Vec<Kind>; 2], InputError> {
+    let find = |name: &str| {
+        let named = |kind: &Kind| kind.name() == name;
+        let catalogued = || Kind::from_name(name).filter(|kind| kind.is_name());
+        known.iter().copied().find(named).or_else(catalogued)
+    };
     let advice = || {
-        let own = own.into_iter().flat_map(|own| &own.kinds);
-        let kinds = Kind::NAMES.iter().chain(own);
+        let kinds = Kind::NAMES.iter().chain(known);
         let known: Vec<&str> = kinds.map(|kind| kind.name()).collect();
         format!(
             "name two effects with a comma between them, of: {}",
@@ -293,7 +315,7 @@ fn between(text: &str, own: Option<&OwnEffects>) -> Result<[Vec<Kind>; 2], Input
         .map(|side| {
             side.split('+')
                 .map(|name| {
-                    OwnEffects::find(own, name.trim()).ok_or_else(|| {
+                    find(name.trim()).ok_or_else(|| {
                         InputError::new(format!("there is no effect \"{}\"", name.trim()), advice())
                     })
                 })
@@ -338,9 +360,9 @@ pub fn limits(text: Option<&str>) -> Result<Limits, InputError> {
     Ok(limits)
 }
 
-/// Simulated steps of an actuator with these effects at a typical size.
-fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputError> {
-    let runs: Vec<Recording> = [60.0, 90.0]
+/// Steps of the nominal model.
+fn nominal_steps(file: &ModelFile) -> Vec<Recording> {
+    [60.0, 90.0]
         .into_iter()
         .map(|degrees: f64| {
             let step = Protocol::Step {
@@ -357,7 +379,12 @@ fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputErro
                 ..Recording::default()
             }
         })
-        .collect();
+        .collect()
+}
+
+/// Simulated steps of an actuator with these effects at a typical size.
+fn made_up(file: &ModelFile, kinds: &[Kind]) -> Result<Vec<Recording>, InputError> {
+    let runs = nominal_steps(file);
     let driven = Dataset::of(&runs);
     let fitter = Fitter::new(&file.model, &driven);
     let scales = Scales::of(&fitter, &fitter.compare(&file.model));

@@ -214,6 +214,18 @@ fn models() -> Vec<(String, ModelFile)> {
              [[effect]]\nkind = \"custom\"\nname = \"two\"\nforce = \"a*th*abs(th) + a*exp(-abs(p)/20)\"\nparameters = { a = 0.4 }\n",
         ),
         (
+            "formulas with memories",
+            0.9,
+            "[[effect]]\nkind = \"custom\"\nname = \"past\"\n\
+             force = \"a*(th^3 - z) + b*heat*tanh(w/0.3)\"\n\
+             memory = { z = { follows = \"th^3\", time_constant = \"tau\" }, \
+             heat = { follows = \"max(p, 0)*abs(w)\", time_constant = \"slow\" } }\n\
+             parameters = { a = 0.4, b = 0.004, tau = { value = 0.6, min = 0.01 }, slow = { value = 3.0, min = 0.1 } }\n\
+             [[effect]]\nkind = \"custom\"\nname = \"drive\"\nforce = \"a*(p - z)\"\n\
+             memory = { z = { follows = \"p\", time_constant = \"tau\" } }\n\
+             parameters = { a = 0.002, tau = { value = 1.5, min = 0.01 } }\n",
+        ),
+        (
             "a bent sensor behind a lag behind an offset",
             0.9,
             "[[effect]]\nkind = \"sensor_offset\"\noffset_rad = 0.05\n\

@@ -1,4 +1,7 @@
-//! Custom: Q = f(θ, ω, p, t), a formula that a user writes.
+//! Custom: Q = f(θ, ω, p, t, z), ż = (g(θ, ω, p, t) − z)/τ, formulas that a user writes.
+//!
+//! z is a memory, of which there are none, one or two: after a long rest it is what it follows, and
+//! it never runs away from that.
 //!
 //! Nobody can list all the forces that act on an actuator. This effect is given as
 //! text in a file; the desktop compiles it to a [`Program`], a flat list of
@@ -19,7 +22,8 @@ use core::fmt;
 use core::hash::{Hash, Hasher};
 
 use super::table::Variable;
-use super::{Hidden, Info, Instant, Mechanism, Parameter};
+use super::{Hidden, Info, Instant, Mechanism, Parameter, Rest};
+use crate::catalogue::Kind;
 use crate::dynamics::{Dynamics, Rates};
 #[cfg(test)]
 use crate::part::Trial;
@@ -28,6 +32,9 @@ use crate::real::Real;
 
 /// The most parameters of a formula. Every slot of a model has room for them.
 pub const MAX_PARAMETERS: usize = 6;
+
+/// The most memories of a formula: an effect has room for so many hidden states.
+pub const MAX_MEMORIES: usize = 2;
 
 /// The most results that a program keeps at once.
 pub const MAX_RESULTS: usize = 16;
@@ -145,6 +152,8 @@ pub enum Operand {
     Parameter(u8),
     /// θ (rad), ω (rad/s), p (kPa) or t (s).
     Variable(Variable),
+    /// The memory at this index.
+    Memory(u8),
     /// What an instruction before left there.
     Result(u8),
 }
@@ -185,16 +194,19 @@ pub struct Program<'p> {
 
 impl<'p> Program<'p> {
     /// Creates a program after checking that it reads none of its results before
-    /// it is there, and no parameter beyond `parameters`; none if it does.
+    /// it is there, and no parameter beyond `parameters` or memory beyond `memories`; none if
+    /// it does.
     pub fn new(
         instructions: &'p [Instruction],
         result: Operand,
         parameters: usize,
+        memories: usize,
     ) -> Option<Self> {
         let mut written = [false; MAX_RESULTS];
         let is_there = |operand: Operand, written: &[bool]| match operand {
             Operand::Constant(_) | Operand::Variable(_) => true,
             Operand::Parameter(index) => usize::from(index) < parameters.min(MAX_PARAMETERS),
+            Operand::Memory(index) => usize::from(index) < memories.min(MAX_MEMORIES),
             Operand::Result(index) => written.get(usize::from(index)) == Some(&true),
         };
         for instruction in instructions {
@@ -217,22 +229,28 @@ impl<'p> Program<'p> {
         })
     }
 
-    /// Its value, with parameters as in the formula, at an instant.
-    pub fn at<R: Real>(&self, parameters: &[R], at: &Instant<R>) -> R {
+    /// Its value, with parameters as in the formula, at an instant and with these memories.
+    pub fn at<R: Real>(&self, parameters: &[R], at: &Instant<R>, memory: &Hidden<R>) -> R {
         if self.results <= FEW_RESULTS {
-            self.run::<R, FEW_RESULTS>(parameters, at)
+            self.run::<R, FEW_RESULTS>(parameters, at, memory)
         } else {
-            self.run::<R, MAX_RESULTS>(parameters, at)
+            self.run::<R, MAX_RESULTS>(parameters, at, memory)
         }
     }
 
-    fn run<R: Real, const N: usize>(&self, parameters: &[R], at: &Instant<R>) -> R {
+    fn run<R: Real, const N: usize>(
+        &self,
+        parameters: &[R],
+        at: &Instant<R>,
+        memory: &Hidden<R>,
+    ) -> R {
         let mut results = [R::zero(); N];
         let read = |operand: Operand, results: &[R; N]| match operand {
             Operand::Constant(value) => R::from_double(value),
             Operand::Parameter(index) => value_at(parameters, index),
             Operand::Variable(Variable::Pressure) => at.pressure / R::from_i16(1000),
             Operand::Variable(variable) => variable.at(at),
+            Operand::Memory(index) => value_at(memory, index),
             Operand::Result(index) => value_at(results, index),
         };
         for instruction in self.instructions {
@@ -283,6 +301,24 @@ fn value_at<R: Real>(values: &[R], index: u8) -> R {
     values.get(usize::from(index)).copied().unwrap_or(R::zero())
 }
 
+/// A memory z: ż = (g − z)/τ.
+#[derive(Clone, Copy, Debug)]
+pub struct Memory {
+    /// What it follows, g(θ, ω, p, t).
+    pub follows: Program<'static>,
+    /// The parameter that is its time constant τ (s), never zero.
+    pub time_constant: u8,
+}
+
+/// Where a formula comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// A user wrote it.
+    Written,
+    /// A diagnosis made it of a grammar.
+    Grammar,
+}
+
 /// What a user wrote, compiled.
 #[derive(Debug)]
 pub struct Definition {
@@ -293,6 +329,10 @@ pub struct Definition {
     pub parameters: &'static [Parameter],
     /// The force Q (N).
     pub program: Program<'static>,
+    /// Its memories, at most [`MAX_MEMORIES`].
+    pub memories: &'static [Memory],
+    /// Who made it.
+    pub origin: Origin,
     /// Its text without the values: two definitions with the same are one.
     pub text: &'static str,
 }
@@ -310,6 +350,13 @@ impl Formula {
         } else {
             None
         }
+    }
+
+    /// Whether its force depends on a variable, at once or by a memory.
+    pub fn depends_on(self, variable: Variable) -> bool {
+        let memories = self.0.memories.iter().map(|memory| &memory.follows);
+        let mut programs = memories.chain([&self.0.program]);
+        programs.any(|program| program.depends_on(variable))
     }
 }
 
@@ -373,6 +420,11 @@ impl<R: Copy> Custom<R> {
         self.formula
     }
 
+    /// Its kind.
+    pub const fn kind(&self) -> Kind {
+        Kind::Custom(self.formula)
+    }
+
     /// The parameter at `index`.
     pub fn value(&self, index: usize) -> Option<R> {
         self.values
@@ -409,13 +461,49 @@ impl Preparation for Custom<f32> {
     }
 }
 
+impl<R: Real> Custom<R> {
+    /// Each memory with what it follows at an instant and its time constant (s).
+    fn memories<'s>(&'s self, at: &'s Instant<R>) -> impl Iterator<Item = (R, R)> + 's {
+        self.formula.0.memories.iter().map(|memory| {
+            let follows = memory.follows.at(&self.values, at, &[R::zero(); 2]);
+            (follows, value_at(&self.values, memory.time_constant))
+        })
+    }
+
+    /// The memories after a long rest at an instant.
+    fn settled(&self, at: &Instant<R>) -> Hidden<R> {
+        let mut settled = [R::zero(); 2];
+        for (state, (follows, _)) in settled.iter_mut().zip(self.memories(at)) {
+            *state = follows;
+        }
+        settled
+    }
+}
+
 impl<R: Real> Mechanism<R> for Custom<R> {
-    fn force(&self, at: &Instant<R>, _hidden: &Hidden<R>, _rates: &mut Hidden<R>) -> R {
-        self.formula.0.program.at(&self.values, at)
+    fn integrates(&self) -> bool {
+        !self.formula.0.memories.is_empty()
+    }
+
+    fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
+        self.settled(&Instant {
+            time: R::zero(),
+            angle: rest.angle,
+            rate: R::zero(),
+            pressure: rest.pressure,
+        })
+    }
+
+    fn force(&self, at: &Instant<R>, hidden: &Hidden<R>, rates: &mut Hidden<R>) -> R {
+        let states = hidden.iter().zip(self.memories(at));
+        for (rate, (&state, (follows, time_constant))) in rates.iter_mut().zip(states) {
+            *rate = (follows - state) / time_constant;
+        }
+        self.formula.0.program.at(&self.values, at, hidden)
     }
 
     fn stiffens(&self) -> bool {
-        self.formula.0.program.depends_on(Variable::Pressure)
+        self.formula.depends_on(Variable::Pressure)
     }
 
     /// The steepest slopes by angle and by rate that a coarse grid of states shows.
@@ -431,9 +519,8 @@ impl<R: Real> Mechanism<R> for Custom<R> {
         const TIMES: &[f32] = &[0.0, 60.0];
         /// rad or rad/s.
         const STEP: f32 = 1e-4;
-        let program = &self.formula.0.program;
         let grid = |variable, full: &'static [f32]| {
-            if program.depends_on(variable) {
+            if self.formula.depends_on(variable) {
                 full
             } else {
                 &[0.0]
@@ -451,10 +538,13 @@ impl<R: Real> Mechanism<R> for Custom<R> {
                             rate: R::from_f32(rate),
                             pressure: R::from_f32(pressure),
                         };
+                        let memory = self.settled(&at);
+                        let force =
+                            |at: &Instant<R>| self.formula.0.program.at(&self.values, at, &memory);
                         let by_angle = [at.angle - step, at.angle + step]
-                            .map(|angle| program.at(&self.values, &Instant { angle, ..at }));
+                            .map(|angle| force(&Instant { angle, ..at }));
                         let by_rate = [at.rate - step, at.rate + step]
-                            .map(|rate| program.at(&self.values, &Instant { rate, ..at }));
+                            .map(|rate| force(&Instant { rate, ..at }));
                         for (most, [below, above]) in steepest.iter_mut().zip([by_angle, by_rate]) {
                             *most = most.max(((above - below) / (step + step)).abs());
                         }
@@ -463,9 +553,20 @@ impl<R: Real> Mechanism<R> for Custom<R> {
             }
         }
         let [by_angle, by_rate] = steepest;
+        let start = Instant {
+            time: R::zero(),
+            angle,
+            rate: R::zero(),
+            pressure: R::zero(),
+        };
+        let forgets = self
+            .memories(&start)
+            .fold(R::zero(), |fastest, (_, time_constant)| {
+                fastest.max(R::one() / time_constant)
+            });
         Rates {
             stiffness: by_angle / dynamics.inertia,
-            relaxation: by_rate / dynamics.inertia,
+            relaxation: by_rate / dynamics.inertia + forgets,
         }
     }
 }
@@ -474,7 +575,7 @@ impl<R: Real> Mechanism<R> for Custom<R> {
 mod tests {
     use super::*;
     use crate::actuator::{InvalidModel, Model, ParameterId};
-    use crate::catalogue::{Effect, Kind};
+    use crate::catalogue::Effect;
     use crate::effects::testing::{force, run, spring};
     use crate::effects::{Family, Place, Unit};
     use crate::input::Held;
@@ -542,6 +643,8 @@ mod tests {
             result: Operand::Result(0),
             results: 1,
         },
+        memories: &[],
+        origin: Origin::Written,
         text: "wave",
     };
 
@@ -602,6 +705,72 @@ mod tests {
         assert!((pressure - 0.6).abs() < 1e-6, "{pressure}");
     }
 
+    /// Q = a (θ − z), ż = (θ − z)/τ.
+    static CREEP: Definition = Definition {
+        info: WAVE.info,
+        parameters: &[parameter("a", 0.0, 1.0), parameter("tau", 0.1, 10.0)],
+        program: Program {
+            instructions: &[
+                Instruction::Binary {
+                    function: Binary::Difference,
+                    x: Operand::Variable(Variable::Angle),
+                    y: Operand::Memory(0),
+                    into: 0,
+                },
+                Instruction::Binary {
+                    function: Binary::Product,
+                    x: Operand::Parameter(0),
+                    y: Operand::Result(0),
+                    into: 0,
+                },
+            ],
+            result: Operand::Result(0),
+            results: 1,
+        },
+        memories: &[Memory {
+            follows: Program {
+                instructions: &[],
+                result: Operand::Variable(Variable::Angle),
+                results: 0,
+            },
+            time_constant: 1,
+        }],
+        origin: Origin::Written,
+        text: "creep",
+    };
+
+    /// With a memory of the angle it is the Maxwell branch of the catalogue.
+    #[test]
+    fn a_memory_of_the_angle_is_a_maxwell_branch() {
+        let values = [0.4, 1.5];
+        let own = Kind::Custom(Formula(&CREEP)).build(&values).unwrap();
+        let branch = Kind::MaxwellBranch.build(&[0.4, 1.5, 0.0]).unwrap();
+        let [own, branch] = [own, branch].map(|effect| {
+            let model = spring(0.1, 0.3, 2.0, &[effect]);
+            assert!(effect.integrates());
+            run(&model, model.at_rest(0.3, 0.0), &Held(0.8), 4.0, 4_000)
+        });
+        assert!((own.angle - branch.angle).abs() < 1e-12);
+        assert!((own.rate - branch.rate).abs() < 1e-12);
+    }
+
+    /// After a long rest a memory is what it follows, and it is never slower than its time.
+    #[test]
+    fn a_memory_starts_settled_and_shortens_the_steps() {
+        let own: Effect<f64> = Kind::Custom(Formula(&CREEP)).build(&[0.4, 0.2]).unwrap();
+        let rest = Rest {
+            angle: 0.7,
+            start: 0.7,
+            rate: 0.0,
+            pressure: 5.0,
+            reading: 0.7,
+        };
+        assert!((own.at_rest(&rest)[0] - 0.7).abs() < 1e-15);
+        let rates = own.fastest_rate(spring(1.0, 0.0, 2.0, &[]).dynamics(), 1.0);
+        assert!((rates.relaxation - 5.0).abs() < 1e-9);
+        assert!((rates.stiffness - 0.4).abs() < 1e-6);
+    }
+
     #[test]
     fn the_board_refuses_it() {
         use crate::prepared::{Unsteppable, plan};
@@ -626,10 +795,12 @@ mod tests {
             x,
             into,
         };
-        let new = |list: &[Instruction], result| Program::new(list, result, 1).is_some();
+        let new = |list: &[Instruction], result| Program::new(list, result, 1, 1).is_some();
         let parameter = Operand::Parameter(0);
         assert!(new(&[], parameter));
         assert!(new(&[sine(parameter, 0)], Operand::Result(0)));
+        assert!(new(&[], Operand::Memory(0)));
+        assert!(!new(&[], Operand::Memory(1)));
         assert!(!new(&[], Operand::Parameter(1)));
         assert!(!new(&[], Operand::Result(0)));
         assert!(!new(&[sine(Operand::Result(1), 1)], Operand::Result(1)));

@@ -1,6 +1,7 @@
 //! The verdict in one sentence, and the two or three below it: the evidence, and what to do.
 
 use model_core::catalogue::Effect;
+use model_core::effects::custom::Custom;
 
 use super::rivals::next_suffices;
 use super::words::{combined, in_words, listed, titles, with_capital};
@@ -11,14 +12,21 @@ use softrig::diagnose::score::grammar::is_term;
 use softrig::diagnose::search::selection::{FittedStructure, RIVALS_PLANNED};
 use softrig::diagnose::work::budget::SearchPart;
 use softrig::diagnose::work::policy::Policy;
-use softrig_formats::formula::with_values;
 use softrig_formats::numbers::{degrees, percent};
+use softrig_formats::own_effects::with_numbers;
 
 /// The verdict in one sentence.
 pub fn sentence(diagnosis: &Diagnosis) -> String {
     if let Some(term) = term(diagnosis) {
+        let mut others = diagnosis.finding.named();
+        others.retain(|kind| *kind != term.kind());
+        let (alone, beside) = if others.is_empty() {
+            ("", String::new())
+        } else {
+            (" alone", format!(", beside {},", titles(&others)))
+        };
         return format!(
-            "What is missing is not in the catalogue. {} explains {} of it: {}.",
+            "What is missing is not in the catalogue{alone}. {}{beside} explains {} of it: {}.",
             with_capital(term.kind().info().title),
             percent(diagnosis.closure.map_or(0.0, |closure| closure.overall)),
             with_numbers(&term)
@@ -109,19 +117,15 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
 }
 
 /// The named effect, if it is a formula beyond the catalogue.
-fn term(diagnosis: &Diagnosis) -> Option<Effect<f64>> {
+fn term(diagnosis: &Diagnosis) -> Option<Custom<f64>> {
     let named = diagnosis.finding.named();
-    let mut effects = diagnosis.repaired.fit.model.effects();
-    effects.find(|effect| named.contains(&effect.kind()) && is_term(effect.kind()))
-}
-
-/// Its formula with its numbers.
-fn with_numbers(term: &Effect<f64>) -> String {
-    let info = term.kind().info();
-    let keys = term.kind().parameters().iter().map(|row| row.key);
-    let values: Vec<(&str, f64)> = keys.zip(term.values()).collect();
-    let force = info.equation.trim_start_matches("Q = ");
-    format!("Q = {} N", with_values(force, &values))
+    diagnosis.repaired.fit.model.effects().find_map(|effect| {
+        let is_named = named.contains(&effect.kind()) && is_term(effect.kind());
+        match effect {
+            Effect::Custom(term) if is_named => Some(term),
+            _ => None,
+        }
+    })
 }
 
 /// The noise floor, and what it rests on.

@@ -1157,6 +1157,8 @@ mod tests {
             title: "a force of a test".into(),
             force: format!("c*{force}"),
             parameters,
+            memories: Vec::new(),
+            family: None,
             special_case: None,
         };
         formulated.kind().unwrap()

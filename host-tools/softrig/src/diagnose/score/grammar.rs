@@ -8,6 +8,8 @@
 //! Q = c m(θ or p) g(ω)     dissipative: damping or friction that grows with angle or pressure
 //! Q = (a + b m) g(ω)       the same with a part that is always there
 //! Q = c e^{−t/τ} f(θ) h(p) what passes while the rig warms up
+//! Q = c (f − z), ż = (f − z)/τ what relaxes, of the angle or the pressure
+//! Q = c z g(ω or θ)        damping, friction or stiffness by what was before
 //! ```
 //!
 //! of factors that an engineer can read. Every term keeps its dimensions: its size has a unit, and
@@ -15,16 +17,20 @@
 //! A term is an effect by a formula ([`Formulated`]): it is simulated, fitted, judged, written and
 //! exported as one of the user's own. Terms that the catalogue has are left out where it is tried.
 //!
+//! The last two have a memory z, a hidden state that follows the angle, the pressure or the speed.
+//!
 //! Ranges of frequencies, thresholds and times go with the size of the recordings, in half decades,
 //! so that two rigs of one size have the same terms.
 
 use model_core::catalogue::Kind;
-use softrig_formats::own_effects::{DeclaredParameter, Formulated, Hold};
+use model_core::effects::custom::{Formula, Origin};
+use softrig_formats::family::Family;
+use softrig_formats::own_effects::{DeclaredMemory, DeclaredParameter, Formulated, Hold};
 
 use crate::diagnose::score::scales::Scales;
 
 /// How the names of terms begin.
-const PREFIX: &str = "term_";
+pub const PREFIX: &str = "term_";
 
 /// A factor of a term.
 #[derive(Clone, Debug)]
@@ -39,8 +45,12 @@ struct Factor {
     unit: &'static str,
     /// A frequency, a threshold or a time in it.
     shape: Option<DeclaredParameter>,
+    /// What its memory follows, if it has one; the shape is then its time constant.
+    follows: Option<&'static str>,
     /// The effect of the catalogue that it is by itself.
     is: Option<Kind>,
+    /// The kind of a term that ends with it.
+    family: Family,
 }
 
 impl Factor {
@@ -51,8 +61,14 @@ impl Factor {
             text: text.into(),
             unit,
             shape: None,
+            follows: None,
             is: None,
+            family: Family::StiffnessShape,
         }
+    }
+
+    fn a_kind_of(self, family: Family) -> Self {
+        Self { family, ..self }
     }
 
     fn is(self, kind: Kind) -> Self {
@@ -68,6 +84,16 @@ impl Factor {
             shape.hold = Hold::UntilNamed;
         }
         self
+    }
+
+    /// With a memory z that follows this, faster than the longest session and not within a sample.
+    fn remembering(self, follows: &'static str, sizes: Sizes) -> Self {
+        let times = [0.003 * sizes.duration, 0.3 * sizes.duration];
+        let shaped = self.shaped("tau", times, "s");
+        Self {
+            follows: Some(follows),
+            ..shaped
+        }
     }
 
     /// With a parameter of its shape between two bounds, from their middle on a logarithmic scale.
@@ -230,19 +256,86 @@ fn resistances(sizes: Sizes) -> Vec<Factor> {
     // How sharp a sign is hardly matters to what it is: it is fitted in the end.
     let widths = [0.001 * sizes.rate, 0.1 * sizes.rate];
     let width = two_digits(0.01 * sizes.rate);
-    let of = Factor::of;
+    let of = |name, title, text, unit| {
+        Factor::of(name, title, text, unit).a_kind_of(Family::RateDamping)
+    };
     vec![
         of("damping", "damping", "w", "(rad/s)"),
         of("friction", "dry friction", "tanh(w/s)", "")
             .shaped("s", widths, "rad/s")
             .held()
-            .is(Kind::CoulombFriction),
+            .is(Kind::CoulombFriction)
+            .a_kind_of(Family::DryFriction),
         of("fast_damping", "quadratic damping", "w*abs(w)", "(rad/s)^2").is(Kind::QuadraticDamping),
         of(
             "thinning_damping",
             "damping with the root of the rate",
             &format!("w/sqrt(sqrt(w^2 + {}))", two_digits(width * width)),
             "(rad/s)^0.5",
+        ),
+    ]
+}
+
+/// What relaxes: the part of a force that its memory has not caught up with.
+fn relaxing(sizes: Sizes) -> Vec<Factor> {
+    let of = |name, title, text, unit, follows| {
+        let factor = Factor::of(name, title, text, unit).a_kind_of(Family::Creep);
+        factor.remembering(follows, sizes)
+    };
+    vec![
+        of(
+            "relaxing_angle",
+            "force with the angle that relaxes",
+            "(th - z)",
+            "rad",
+            "th",
+        )
+        .is(Kind::MaxwellBranch),
+        of(
+            "relaxing_angle_squared",
+            "force with the square of the angle that relaxes",
+            "(th^2 - z)",
+            "rad^2",
+            "th^2",
+        ),
+        of(
+            "relaxing_angle_cubed",
+            "force with the cube of the angle that relaxes",
+            "(th^3 - z)",
+            "rad^3",
+            "th^3",
+        ),
+        of(
+            "relaxing_pressure",
+            "drive that relaxes",
+            "(p - z)",
+            "kPa",
+            "p",
+        ),
+        of(
+            "relaxing_pressure_by_angle",
+            "stiffness with the pressure that relaxes",
+            "th*(p - z)",
+            "rad/kPa",
+            "p",
+        ),
+    ]
+}
+
+/// What a force grows with that was before: never below zero.
+fn pasts(sizes: Sizes) -> Vec<Factor> {
+    let of = |name, title, text, unit, follows| {
+        Factor::of(name, title, text, unit).remembering(follows, sizes)
+    };
+    vec![
+        of("past_speed", "the recent speed", "z", "(rad/s)", "abs(w)"),
+        of("past_angle", "the recent angle", "z", "rad", "abs(th)"),
+        of(
+            "past_pressure",
+            "the recent pressure",
+            "z",
+            "kPa",
+            "max(p, 0)",
         ),
     ]
 }
@@ -256,11 +349,9 @@ pub fn terms(scales: &Scales, tried: &[Kind]) -> Vec<Kind> {
 fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
     let is_tried = |kind: Option<Kind>| kind.is_some_and(|kind| tried.contains(&kind));
     let (curves, pressures) = (curves(sizes), pressures());
-    let decay = Factor::of("passing", "that passes with time", "exp(-t/tau)", "").shaped(
-        "tau",
-        [0.02 * sizes.duration, sizes.duration],
-        "s",
-    );
+    let decay = Factor::of("passing", "that passes with time", "exp(-t/tau)", "")
+        .shaped("tau", [0.02 * sizes.duration, sizes.duration], "s")
+        .a_kind_of(Family::Drift);
     let mut terms: Vec<Option<Kind>> = Vec::new();
     for curve in curves.iter().filter(|curve| !is_tried(curve.is)) {
         terms.push(product(curve.name, curve.title, &[curve], None));
@@ -319,6 +410,21 @@ fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
         "passing_by_angle",
         "stiffness that passes with time",
     ));
+    for factor in relaxing(sizes).iter().filter(|it| !is_tried(it.is)) {
+        terms.push(product(factor.name, factor.title, &[factor], None));
+    }
+    let (resistances, angle) = (resistances(sizes), &curves[0]);
+    for past in &pasts(sizes) {
+        // Either has a shape of its own: the sign is as sharp as it is.
+        for resistance in &resistances[..2] {
+            let name = format!("{}_with_{}", resistance.name, past.name);
+            let title = format!("{} that grows with {}", resistance.title, past.title);
+            terms.push(product(&name, &title, &[past, resistance], Some(0.0)));
+        }
+        let name = format!("stiffness_with_{}", past.name);
+        let title = format!("stiffness by {}", past.title);
+        terms.push(product(&name, &title, &[past, angle], None));
+    }
     terms.into_iter().flatten().collect()
 }
 
@@ -368,11 +474,19 @@ fn term(
     special_case: Option<Kind>,
 ) -> Option<Kind> {
     let shapes = factors.iter().filter_map(|factor| factor.shape.clone());
+    let memories = factors.iter().filter_map(|factor| factor.follows);
+    let memories = memories.map(|follows| DeclaredMemory {
+        key: "z".into(),
+        follows: follows.into(),
+        time_constant: "tau".into(),
+    });
     Formulated {
         name: format!("{PREFIX}{name}"),
         title,
         force,
         parameters: sizes.into_iter().chain(shapes).collect(),
+        memories: memories.collect(),
+        family: factors.last().map(|factor| factor.family),
         special_case,
     }
     .kind()
@@ -401,7 +515,7 @@ fn size(key: &str, factors: &[&Factor], min: Option<f64>) -> DeclaredParameter {
 
 /// Whether an effect is a term of the grammar.
 pub fn is_term(kind: Kind) -> bool {
-    kind.name().starts_with(PREFIX)
+    matches!(kind, Kind::Custom(Formula(definition)) if definition.origin == Origin::Grammar)
 }
 
 #[cfg(test)]
@@ -434,8 +548,8 @@ mod tests {
         assert_eq!(titles.len(), terms.len());
         // None was dropped because its formula is not valid: 12 curves and 2 pressures, the curves
         // with 3 pressures, 3 resistances alone, 4 with 5 growths, 3 of these with a constant
-        // part, and 3 that pass.
-        assert_eq!(terms.len(), 12 + 2 + 36 + 3 + 20 + 15 + 3);
+        // part, 3 that pass, 5 that relax, and 3 pasts with 2 resistances and a stiffness.
+        assert_eq!(terms.len(), 12 + 2 + 36 + 3 + 20 + 15 + 3 + 5 + 9);
         assert!(terms.iter().all(|kind| is_term(*kind)));
     }
 
@@ -475,12 +589,27 @@ mod tests {
                             rate,
                             pressure,
                         };
-                        let force: f64 = effect.force(&at, &[0.0; 2], &mut [0.0; 2]);
-                        assert!(force * rate >= 0.0, "{kind:?} at {at:?}");
+                        // A memory of what is never below zero is never below zero.
+                        for past in [0.0, 2.0] {
+                            let force: f64 = effect.force(&at, &[past; 2], &mut [0.0; 2]);
+                            assert!(force * rate >= 0.0, "{kind:?} at {at:?}");
+                        }
                     }
                 }
             }
         }
+    }
+
+    /// A memory never is below zero where what it follows is not, and it has a time constant.
+    #[test]
+    fn what_is_remembered_is_followed() {
+        let terms = all();
+        let mut remembering = terms.iter().filter(|kind| {
+            let info = kind.info();
+            info.states.len() == 1 && info.equation.contains("dz/dt = (")
+        });
+        assert_eq!(remembering.clone().count(), 5 + 9);
+        assert!(remembering.all(|kind| kind.parameters().iter().any(|row| row.key == "tau")));
     }
 
     /// Every size is a force by something, so that a fit starts it from the score.

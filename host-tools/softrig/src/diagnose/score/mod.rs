@@ -848,7 +848,23 @@ pub(crate) fn force_along(
     effect: &Effect<f64>,
     recording: &Recording,
 ) -> Vec<f64> {
-    let samples: Vec<Sample> = motions(recording)
+    added(base, effect, &measured(base, recording)).force
+}
+
+/// The rate, the spring sign(θ)|θ|ⁿ and the pressure along a measured motion: what damping,
+/// stiffness and input gain of the base change.
+pub(crate) fn base_along(base: &Dynamics<f64>, recording: &Recording) -> [Vec<f64>; 3] {
+    let samples = measured(base, recording);
+    let of = |it: &dyn Fn(&Sample) -> f64| samples.iter().map(it).collect();
+    [
+        of(&|it| it.rate),
+        of(&|it| it.spring),
+        of(&|it| it.pressure),
+    ]
+}
+
+fn measured(base: &Dynamics<f64>, recording: &Recording) -> Vec<Sample> {
+    motions(recording)
         .map(|motion| Sample {
             time: recording.time[motion.place],
             angle: motion.angle,
@@ -857,8 +873,7 @@ pub(crate) fn force_along(
             pressure: recording.pressure[motion.place],
             spring: signed_power(motion.angle, base.exponent),
         })
-        .collect();
-    added(base, effect, &samples).force
+        .collect()
 }
 
 /// The force (N) that an effect adds against the motion at each sample, and what it adds to the

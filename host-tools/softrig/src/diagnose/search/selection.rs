@@ -234,7 +234,10 @@ impl Rows {
         let first = self.all.len();
         for (share, scored) in terms {
             let own = &share.row.candidate;
-            let mut known = self.all[first..].iter().map(|row| &row.candidate);
+            let mut known = self.all[first..]
+                .iter()
+                .map(|row| &row.candidate)
+                .filter(|known| known.added.len() == 1 && own.added.len() == 1);
             match known.find(|known| push_alike(own, known, data)) {
                 Some(known) => {
                     let pair = [known, own].map(|it| it.added.last().copied());

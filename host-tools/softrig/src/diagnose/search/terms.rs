@@ -1,14 +1,16 @@
 //! Terms of the grammar, fitted where no effect of the catalogue leaves only noise.
 //!
 //! The score ranks them as it ranks effects; the first of each view are fitted, the best of these to
-//! their ends. Whether one is offered is the decision's ([`mod@crate::diagnose::decide`]).
+//! their ends. Where the best one leads by far and leaves more than noise, effects are scored beside
+//! it, and the first of them fitted with it. Whether one is offered is the decision's
+//! ([`mod@crate::diagnose::decide`]).
 
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
 use crate::diagnose::evidence::measure::excess;
 use crate::diagnose::fit::candidates::{
-    Candidate, FitContext, Starts, coarse_fit, final_fit, predicted, release,
+    Candidate, FitContext, Starts, added, coarse_fit, final_fit, predicted, release,
 };
 use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::diagnose::score::Guesses;
@@ -25,6 +27,9 @@ const LEADING: usize = 16;
 
 /// Terms with a final fit.
 const FINISHED: usize = 6;
+
+/// Effects that are fitted beside the best term.
+const BESIDE: usize = 4;
 
 /// What the grammar has for what no effect explains.
 #[derive(Default)]
@@ -50,10 +55,55 @@ impl Terms {
         if !wanted || is_settled(&singles.pool, floor) || !job.may_begin(SearchPart::Terms) {
             return Self::default();
         }
-        let fitted = fitted_terms(context, baseline, tried);
+        let mut fitted = fitted_terms(context, baseline, tried);
         let settle = settle(context, &fitted, singles, floor);
+        if let Some(term) = fitted.first()
+            && !settle
+            && leads(term, singles)
+        {
+            let both = with_effects(context, baseline, tried, term);
+            fitted.extend(both);
+        }
+        if std::env::var("DBG").is_ok() {
+            for it in singles.pool.iter().chain(&singles.coarse).chain(&fitted) {
+                eprintln!(
+                    "DBG {:?} {}",
+                    it.added.iter().map(|k| k.name()).collect::<Vec<_>>(),
+                    it.fit.rmse().to_degrees()
+                );
+            }
+        }
         Self { fitted, settle }
     }
+}
+
+/// Whether a term leaves less than every single effect: then it is the first step.
+fn leads(term: &Candidate, singles: &Singles) -> bool {
+    let mut effects = singles.pool.iter().skip(1).chain(&singles.coarse);
+    effects.all(|effect| effect.fit.sse() >= term.fit.sse())
+}
+
+/// A term with each of the effects that the innovations beside it ask for first.
+fn with_effects(
+    context: &FitContext<'_>,
+    baseline: &Baseline,
+    tried: &[Kind],
+    term: &Candidate,
+) -> Vec<Candidate> {
+    let noise = baseline.floor.white;
+    let guesses = Guesses::beside(context.fitter, &term.fit, noise, tried, context.scales);
+    let context = FitContext {
+        guesses: &guesses,
+        ..*context
+    };
+    let leading: Vec<Kind> = guesses.ranked().into_iter().take(BESIDE).collect();
+    leading
+        .par_iter()
+        .filter_map(|&kind| {
+            let both = added(&context, term, kind);
+            context.executor.reached(SearchPart::Terms, both)
+        })
+        .collect()
 }
 
 /// Whether the best of the terms leaves nothing for another effect to explain, where no single
