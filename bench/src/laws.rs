@@ -182,7 +182,8 @@ impl Law {
 
     fn curve(random: &mut Pcg32) -> String {
         let (k, from) = (random.random_range(2.0..6.0), random.random_range(0.2..0.6));
-        match random.random_range(0..7) {
+        match random.random_range(0..8) {
+            7 => format!("(exp({k:.2}*th) - 1)"),
             0 => "th^5".to_owned(),
             1 => format!("sin({k:.2}*th)"),
             2 => format!("sign(th)*log(1 + {k:.2}*abs(th))"),
@@ -195,13 +196,14 @@ impl Law {
 
     fn within(random: &mut Pcg32, kpa: f64) -> String {
         let pressure = any(random, &["p", "p^2", "sqrt(max(p, 0))"]);
-        let growth = any(
-            random,
-            &["abs(th)", "th^2", "max(p, 0)", "p^2", "sqrt(max(p, 0))"],
-        );
+        let beyond = format!("max(p - {:.2}, 0)", 0.5 * kpa);
+        let growths = ["abs(th)", "th^2", "max(p, 0)", "p^2", "sqrt(max(p, 0))"];
+        let more = ["abs(th)*max(p, 0)", &beyond];
+        let growth = any(random, &[growths.as_slice(), &more].concat());
         let width = random.random_range(0.02..0.08);
         let sign = format!("tanh(w/{width:.3})");
-        let resistance = match random.random_range(0..4) {
+        let resistance = match random.random_range(0..5) {
+            4 => "w^3",
             0 => "w",
             1 => "w*abs(w)",
             2 => "w/sqrt(sqrt(w^2 + 1e-4))",
@@ -250,14 +252,14 @@ impl Law {
         let half = 0.5 * kpa;
         match random.random_range(0..9) {
             0 => format!("tanh({k:.2}*th)*abs(w)"),
-            1 => format!("(exp({k:.2}*th) - 1)"),
-            2 => "w^3".to_owned(),
-            3 => "th*p*w".to_owned(),
-            4 => format!("max(p - {half:.2}, 0)*th"),
-            5 => "abs(th)*max(p, 0)*tanh(w/0.05)".to_owned(),
+            1 => format!("tanh((p - {half:.2})/{:.2})", 0.2 * half),
+            2 => format!("exp(-abs(p)/{half:.2})*th"),
+            3 => "max(w, 0)*p".to_owned(),
+            4 => format!("th/(1 + ({k:.2}*w)^2)"),
+            5 => "tanh((th - 0.4)/0.05)".to_owned(),
             6 => format!("sin({k:.2}*th)*exp(-t/5)"),
-            7 => format!("max(p - {half:.2}, 0)*w"),
-            _ => "th*w^2".to_owned(),
+            7 => format!("cos({k:.2}*t)*th"),
+            _ => format!("(1 + sin({:.2}*th))*tanh(w/0.05)", 2.0 * k),
         }
     }
 }

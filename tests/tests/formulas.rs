@@ -45,9 +45,10 @@ fn diagnosed_with(force: &str, more: &str, formulas: bool, without: &[Kind]) -> 
         .filter(|(name, ..)| !name.contains("_3"))
         .map(|(_, recording, _)| recording.clone())
         .collect();
+    let without: Vec<String> = without.iter().map(|kind| kind.name().to_owned()).collect();
     let request = Request {
         formulas,
-        without,
+        without: &without,
         ..Request::of(&file, &recordings)
     };
     let diagnosis = diagnose(&request, &Job::default()).unwrap();

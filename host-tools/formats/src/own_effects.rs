@@ -56,8 +56,9 @@ pub const KIND: &str = "custom";
 /// The most effects in a file of effects: each is tried, alone and beside others.
 const MOST_EFFECTS: usize = 12;
 
-/// The most definitions that one run of the program keeps.
-const MOST_DEFINITIONS: usize = 4_096;
+/// The most definitions that one run of the program keeps, each a kilobyte or two: the terms of a grammar
+/// for two hundred sizes of rigs.
+const MOST_DEFINITIONS: usize = 32_768;
 
 /// The most characters of a name or a unit.
 const LONGEST_NAME: usize = 40;

@@ -27,6 +27,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
             effect.standing()
         ));
         lines.extend(effect.parameters.iter().map(parameter));
+        lines.extend(effect.alike.iter().map(|sentence| format!("  {sentence}")));
     }
     let base = content.base.iter();
     let changed: Vec<&ParameterRow> = base.filter(|row| row.changed).collect();

@@ -13,6 +13,7 @@ use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::watch::Watched;
 use crate::batch::{self, Batch, Share, manifest};
+use softrig::diagnose::score::grammar::is_name_of_term;
 use softrig::diagnose::{Budget, Job, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
@@ -71,10 +72,11 @@ pub struct Args {
     /// Try only effects that have a name, and no formulas where none of them is enough
     #[arg(long)]
     no_formulas: bool,
-    /// Do not try these effects of the catalogue, as a check: what takes their place?
-    #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = effect)]
+    /// Do not try these effects of the catalogue, or terms beyond it (term_…), as a check: what takes
+    /// their place?
+    #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = effect_or_term)]
     #[arg(conflicts_with = "batch")]
-    without: Vec<Kind>,
+    without: Vec<String>,
     /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
@@ -142,13 +144,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
 }
 
-/// Reads an effect of the catalogue.
-fn effect(name: &str) -> Result<Kind, String> {
-    let kind = Kind::from_name(name).filter(|kind| kind.is_name());
-    kind.ok_or_else(|| {
-        let names: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
-        format!("there is no such effect: give some of {}", names.join(", "))
-    })
+/// Reads the name of an effect of the catalogue, or of a term of the grammar.
+fn effect_or_term(name: &str) -> Result<String, String> {
+    let is_effect = Kind::from_name(name).is_some_and(Kind::is_name);
+    if is_effect || is_name_of_term(name) {
+        return Ok(name.to_owned());
+    }
+    let names: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
+    Err(format!(
+        "there is no such effect: give some of {}, or a term beyond the catalogue by its name in a \
+         verdict, term_…",
+        names.join(", ")
+    ))
 }
 
 /// Reads a number above zero.

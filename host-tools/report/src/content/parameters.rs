@@ -5,7 +5,7 @@ use model_core::catalogue::Kind;
 use model_core::effects::Place;
 use serde::Serialize;
 
-use super::words::probability;
+use super::words::{listed, probability};
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::estimate::fit::Fit;
 use softrig_formats::model_file::{parameter_name, parameter_unit, to_file_units};
@@ -27,6 +27,8 @@ pub struct Effect {
     /// Probability among the tried explanations; none for an effect that repairs the model
     /// and is not named.
     pub probability: Option<String>,
+    /// A sentence about other formulas that push alike in these recordings, if there are any.
+    pub alike: Option<String>,
     /// Its parameters.
     pub parameters: Vec<ParameterRow>,
 }
@@ -74,6 +76,16 @@ impl ParameterRow {
     }
 }
 
+/// A sentence about the formulas that push like this one.
+fn alike(diagnosis: &Diagnosis, kind: Kind) -> Option<String> {
+    let others: Vec<&str> = diagnosis
+        .alike_to(kind)
+        .map(|other| other.info().equation)
+        .collect();
+    (!others.is_empty())
+        .then(|| format!("In these recordings {} would push alike.", listed(&others)))
+}
+
 /// Equation and parameters of each named effect.
 pub(super) fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
     let fit = &diagnosis.repaired.fit;
@@ -99,6 +111,7 @@ pub(super) fn effects(diagnosis: &Diagnosis) -> Vec<Effect> {
                     Place::Sensor => "between the angle and what its sensor shows",
                 },
                 probability: diagnosis.finding.probability_of(*kind).map(probability),
+                alike: alike(diagnosis, *kind),
                 parameters: (0..kind.parameters().len())
                     .map(|parameter| ParameterId::Effect {
                         slot: first + offset,

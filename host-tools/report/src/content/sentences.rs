@@ -26,8 +26,12 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             (" alone", format!(", beside {},", titles(&others)))
         };
         return format!(
-            "What is missing is not in the catalogue{alone}. {}{beside} explains {} of it: {}.",
+            "What is missing is not in the catalogue{alone}. {}{beside} {} {} of it: {}.",
             with_capital(term.kind().info().title),
+            match diagnosis.finding.strength() {
+                Some(Strength::Part) => "comes closest and explains",
+                _ => "explains",
+            },
             percent(diagnosis.closure.map_or(0.0, |closure| closure.overall)),
             with_numbers(&term)
         );
@@ -180,14 +184,13 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
         ),
         Finding::Named { .. } => format!(
             "On validation runs, refitting alone leaves {refit}. With {} it is \
-             {repaired}, where noise alone leaves {floor}: {}.{}",
+             {repaired}, where noise alone leaves {floor}: {}.",
             match term(diagnosis) {
                 Some(_) => "this force added",
                 None if diagnosis.repaired.added.len() == 1 => "the effect added",
                 None => "the effects added",
             },
-            left_over(diagnosis),
-            alike(diagnosis)
+            left_over(diagnosis)
         ),
         Finding::OutOfTime { .. } => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
@@ -226,21 +229,6 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
             why_no_name(diagnosis)
         ),
     }
-}
-
-/// A sentence about formulas that push like the named one, with a blank before it.
-fn alike(diagnosis: &Diagnosis) -> String {
-    let Some(term) = term(diagnosis) else {
-        return String::new();
-    };
-    let others: Vec<&str> = diagnosis
-        .alike_to(term.kind())
-        .map(|other| other.info().equation)
-        .collect();
-    if others.is_empty() {
-        return String::new();
-    }
-    format!(" In these recordings {} would push alike.", listed(&others))
 }
 
 /// The remaining error of the repaired model, as a clause.

@@ -147,7 +147,8 @@ pub enum Remains {
 pub struct Beside {
     /// The variable.
     pub of: Variable,
-    /// The shares of the formula's error that are left with it: fitted, held out.
+    /// The shares of the formula's error that are left with it, and with other effects of the same
+    /// variable: fitted, held out.
     pub leaves: [f64; 2],
 }
 
@@ -261,10 +262,12 @@ impl Evidence<'_> {
         }
     }
 
-    /// How much of the error the leader explains, or `row` without one.
+    /// How much of the error the leader explains, or `row` without one. A term was found among
+    /// many, and has no history: it is the whole only if it leaves nothing but noise.
     fn strength(&self, row: usize, policy: &Policy) -> Strength {
         let leader = &self.scored[self.ranking.leader.unwrap_or(row)];
-        if leader.leaves() <= 1.0 - policy.explains {
+        let is_whole = leader.at_noise || !leader.is_term();
+        if is_whole && leader.leaves() <= 1.0 - policy.explains {
             Strength::Explains
         } else {
             Strength::Part
@@ -375,6 +378,21 @@ pub fn offers_terms(scored: &[Scored], policy: &Policy) -> bool {
     let known = leader(scored, &effects, refit, policy).map(|row| &scored[row]);
     singles.all(is_far)
         && known.is_none_or(|known| known.kinds.len() == 1 || term.leaves() <= known.leaves())
+}
+
+/// Whether a term has a memory for which another without one makes up: it leaves about as much.
+pub fn remembers_in_vain(row: &Scored, others: &[Scored], policy: &Policy) -> bool {
+    let remembers = |row: &Scored| {
+        let mut terms = row.kinds.iter().filter(|kind| is_term(**kind));
+        terms.any(|kind| !kind.info().states.is_empty())
+    };
+    remembers(row)
+        && others.iter().any(|other| {
+            other.is_term()
+                && !remembers(other)
+                && other.kinds.len() <= row.kinds.len()
+                && other.leaves() <= policy.comparable * row.leaves()
+        })
 }
 
 fn ranked(scored: &[Scored], policy: &Policy) -> Ranking {
@@ -645,7 +663,7 @@ mod tests {
         CoulombFriction, CubicStiffness, DeadTime, EndStop, Gravity, LinearStiffness,
         MaxwellBranch, PeriodicDisturbance, PneumaticLag, StribeckFriction,
     };
-    use softrig_formats::own_effects::{DeclaredParameter, Formulated, Hold};
+    use softrig_formats::own_effects::{DeclaredMemory, DeclaredParameter, Formulated, Hold};
 
     const POLICY: Policy = Policy::STANDARD;
 
@@ -1144,20 +1162,32 @@ mod tests {
     }
 
     fn term(force: &str) -> Kind {
-        let parameters = vec![DeclaredParameter {
-            key: "c".into(),
+        remembering(force, None)
+    }
+
+    /// A term, with a memory of this.
+    fn remembering(force: &str, follows: Option<&str>) -> Kind {
+        let parameter = |key: &str, min| DeclaredParameter {
+            key: key.into(),
             value: 1.0,
-            min: None,
+            min,
             max: None,
             unit: "N".into(),
             hold: Hold::Free,
-        }];
+        };
+        let time = follows.map(|_| parameter("tau", Some(0.1)));
+        let parameters = [parameter("c", None)].into_iter().chain(time).collect();
+        let memories = follows.map(|follows| DeclaredMemory {
+            key: "z".into(),
+            follows: follows.into(),
+            time_constant: "tau".into(),
+        });
         let formulated = Formulated {
             name: "term_of_a_test".into(),
             title: "a force of a test".into(),
             force: format!("c*{force}"),
             parameters,
-            memories: Vec::new(),
+            memories: memories.into_iter().collect(),
             family: None,
             special_case: None,
         };
@@ -1202,6 +1232,21 @@ mod tests {
             offers_terms(&rows, &POLICY)
         };
         assert!(pair(0.21) && !pair(0.19));
+    }
+
+    #[test]
+    fn a_memory_has_to_show() {
+        let (plain, memory) = (term("th^3"), remembering("(th^3 - z)", Some("th^3")));
+        let rows = |of_plain: f64| [row(&[plain], of_plain), row(&[memory], 0.1)];
+        let limit = 0.1 * POLICY.comparable;
+        let near = rows(0.99 * limit);
+        assert!(remembers_in_vain(&near[1], &near, &POLICY));
+        assert!(!remembers_in_vain(&near[0], &near, &POLICY));
+        let far = rows(1.01 * limit);
+        assert!(!remembers_in_vain(&far[1], &far, &POLICY));
+        // A pair has to be better than it, not the other way round.
+        let pair = [row(&[CoulombFriction, plain], 0.05), row(&[memory], 0.1)];
+        assert!(!remembers_in_vain(&pair[1], &pair, &POLICY));
     }
 
     proptest! {

@@ -135,7 +135,7 @@ pub struct Untried {
 pub fn applicable(
     nominal: &Model<f64>,
     own: &[Kind],
-    without: &[Kind],
+    without: &[String],
     fitter: &Fitter<'_>,
 ) -> (Vec<Kind>, Vec<Untried>) {
     let shown = Shown::by(fitter.data);
@@ -148,7 +148,7 @@ pub fn applicable(
                 kind,
                 reason: "the model has it already",
             });
-        } else if without.contains(&kind) {
+        } else if without.iter().any(|name| name == kind.name()) {
             untried.push(Untried {
                 kind,
                 reason: "it was asked for without it",

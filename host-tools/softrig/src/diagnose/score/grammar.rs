@@ -127,6 +127,8 @@ struct Sizes {
     rate: f64,
     /// Longest session (s).
     duration: f64,
+    /// Highest pressure (kPa).
+    kpa: f64,
 }
 
 impl Sizes {
@@ -139,6 +141,7 @@ impl Sizes {
             angle: rounded(scales.angle()),
             rate: rounded(scales.rate()),
             duration: rounded(scales.duration()),
+            kpa: rounded(1e-3 * scales.pressure()),
         }
     }
 }
@@ -149,6 +152,8 @@ fn curves(sizes: Sizes) -> Vec<Factor> {
     // From hardly a bend to some periods within the angle.
     let waves = [1.5 / angle, 30.0 / angle];
     let bends = [0.5 / angle, 100.0 / angle];
+    // From hardly a bend to three hundred times the slope at the end.
+    let steepness = [0.3 / angle, 6.0 / angle];
     let thresholds = [0.02 * angle, angle];
     let of = Factor::of;
     vec![
@@ -201,6 +206,13 @@ fn curves(sizes: Sizes) -> Vec<Factor> {
         )
         .shaped("k", bends, "1/rad"),
         of(
+            "exponential",
+            "force that grows exponentially with the angle",
+            "sign(th)*(exp(k*abs(th)) - 1)",
+            "",
+        )
+        .shaped("k", steepness, "1/rad"),
+        of(
             "contact",
             "contact beyond an angle",
             "max(th - th0, 0)",
@@ -218,8 +230,9 @@ fn curves(sizes: Sizes) -> Vec<Factor> {
     ]
 }
 
-/// Powers of the pressure, where it is above that of the air.
-fn pressures() -> Vec<Factor> {
+/// Powers of the pressure, where it is above that of the air, and what begins at a pressure.
+fn pressures(sizes: Sizes) -> Vec<Factor> {
+    let thresholds = [0.02 * sizes.kpa, sizes.kpa];
     let of = Factor::of;
     vec![
         of("pressure", "the pressure", "p", "kPa"),
@@ -235,19 +248,32 @@ fn pressures() -> Vec<Factor> {
             "sqrt(max(p, 0))",
             "kPa^0.5",
         ),
+        of(
+            "pressure_beyond",
+            "the pressure beyond a threshold",
+            "max(p - p0, 0)",
+            "kPa",
+        )
+        .shaped("p0", thresholds, "kPa"),
     ]
 }
 
 /// What dissipation grows with: never below zero.
-fn growths() -> Vec<Factor> {
+fn growths(sizes: Sizes) -> Vec<Factor> {
     let of = Factor::of;
     let never_below = [
         of("angle", "the angle", "abs(th)", "rad"),
         of("angle_squared", "the square of the angle", "th^2", "rad^2"),
+        of(
+            "angle_and_pressure",
+            "angle and pressure",
+            "abs(th)*max(p, 0)",
+            "rad/kPa",
+        ),
         of("pressure", "the pressure", "max(p, 0)", "kPa"),
     ];
     // The pressure itself may be below zero, its powers are not.
-    let powers = pressures().into_iter().skip(1);
+    let powers = pressures(sizes).into_iter().skip(1);
     never_below.into_iter().chain(powers).collect()
 }
 
@@ -267,6 +293,12 @@ fn resistances(sizes: Sizes) -> Vec<Factor> {
             .is(Kind::CoulombFriction)
             .a_kind_of(Family::DryFriction),
         of("fast_damping", "quadratic damping", "w*abs(w)", "(rad/s)^2").is(Kind::QuadraticDamping),
+        of(
+            "cubic_damping",
+            "damping with the cube of the rate",
+            "w^3",
+            "(rad/s)^3",
+        ),
         of(
             "thinning_damping",
             "damping with the root of the rate",
@@ -346,9 +378,20 @@ pub fn terms(scales: &Scales, tried: &[Kind]) -> Vec<Kind> {
     terms_of(Sizes::of(scales), tried)
 }
 
+/// Whether a term has this name.
+pub fn is_name_of_term(name: &str) -> bool {
+    let any = Sizes {
+        angle: 1.0,
+        rate: 1.0,
+        duration: 10.0,
+        kpa: 100.0,
+    };
+    terms_of(any, &[]).iter().any(|kind| kind.name() == name)
+}
+
 fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
     let is_tried = |kind: Option<Kind>| kind.is_some_and(|kind| tried.contains(&kind));
-    let (curves, pressures) = (curves(sizes), pressures());
+    let (curves, pressures) = (curves(sizes), pressures(sizes));
     let decay = Factor::of("passing", "that passes with time", "exp(-t/tau)", "")
         .shaped("tau", [0.02 * sizes.duration, sizes.duration], "s")
         .a_kind_of(Family::Drift);
@@ -361,7 +404,9 @@ fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
         terms.push(product(pressure.name, &title, &[pressure], None));
     }
     for curve in &curves {
-        for pressure in &pressures {
+        // One shape at a time: two thresholds would be two discoveries.
+        let both_shaped = |pressure: &&Factor| curve.shape.is_some() && pressure.shape.is_some();
+        for pressure in pressures.iter().filter(|it| !both_shaped(it)) {
             let is_catalogued = (curve.name, pressure.name) == ("angle", "pressure");
             if is_catalogued && is_tried(Some(Kind::PressureStiffening)) {
                 continue;
@@ -381,7 +426,7 @@ fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
                 Some(0.0),
             ));
         }
-        for growth in growths() {
+        for growth in growths(sizes) {
             let is_catalogued = (resistance.name, growth.name) == ("damping", "angle");
             if is_catalogued && is_tried(Some(Kind::AngleDependentDamping)) {
                 continue;
@@ -409,6 +454,18 @@ fn terms_of(sizes: Sizes, tried: &[Kind]) -> Vec<Kind> {
         &[&curves[0]],
         "passing_by_angle",
         "stiffness that passes with time",
+    ));
+    let centrifugal = Factor::of(
+        "centrifugal",
+        "force with the square of the rate, by the angle",
+        "th*w^2",
+        "rad/(rad/s)^2",
+    );
+    terms.push(product(
+        centrifugal.name,
+        centrifugal.title,
+        &[&centrifugal],
+        None,
     ));
     for factor in relaxing(sizes).iter().filter(|it| !is_tried(it.is)) {
         terms.push(product(factor.name, factor.title, &[factor], None));
@@ -530,6 +587,7 @@ mod tests {
         angle: 1.0,
         rate: 3.2,
         duration: 32.0,
+        kpa: 100.0,
     };
 
     fn all() -> Vec<Kind> {
@@ -546,10 +604,11 @@ mod tests {
         .map(|of| terms.iter().map(of).collect::<BTreeSet<_>>());
         assert_eq!(names.len(), terms.len());
         assert_eq!(titles.len(), terms.len());
-        // None was dropped because its formula is not valid: 12 curves and 2 pressures, the curves
-        // with 3 pressures, 3 resistances alone, 4 with 5 growths, 3 of these with a constant
-        // part, 3 that pass, 5 that relax, and 3 pasts with 2 resistances and a stiffness.
-        assert_eq!(terms.len(), 12 + 2 + 36 + 3 + 20 + 15 + 3 + 5 + 9);
+        // None was dropped because its formula is not valid: 13 curves and 3 pressures, the curves
+        // with 4 pressures but for 6 with a shape of their own beside a threshold, 4 resistances alone, 5 with 7 growths, 4 of these with a constant
+        // part, 3 that pass, 1 by the rate alone, 5 that relax, and 3 pasts with 2 resistances and
+        // a stiffness.
+        assert_eq!(terms.len(), 13 + 3 + 46 + 4 + 35 + 28 + 3 + 1 + 5 + 9);
         assert!(terms.iter().all(|kind| is_term(*kind)));
     }
 

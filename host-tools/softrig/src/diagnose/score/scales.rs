@@ -106,6 +106,11 @@ impl Scales {
         self.rate
     }
 
+    /// Largest pressure (Pa).
+    pub const fn pressure(&self) -> f64 {
+        self.pressure
+    }
+
     /// Duration of the longest session (s).
     pub const fn duration(&self) -> f64 {
         self.duration

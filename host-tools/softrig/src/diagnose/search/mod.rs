@@ -48,7 +48,7 @@ pub struct Options<'a> {
     /// Whether terms of the grammar are tried where no effect leaves only noise.
     pub formulas: bool,
     /// Effects of the catalogue that are not tried.
-    pub without: &'a [Kind],
+    pub without: &'a [String],
 }
 
 /// The result of a search.
@@ -112,7 +112,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     let fitters = material.fitters(&fitter);
     let context = fitters.context(&file, &material, &guesses, options);
     let singles = singles(&context, &baseline.floor, &kinds, &baseline.refit);
-    let terms = Terms::of(&context, &baseline, &kinds, &singles, options.formulas);
+    let terms = Terms::of(&context, &baseline, &kinds, &singles, options);
     let is_open = !is_settled(&singles.pool, &baseline.floor) && !terms.settle;
     let Singles { coarse, mut pool } = singles;
     let graded = (is_open && options.job.may_begin(SearchPart::Horizons))

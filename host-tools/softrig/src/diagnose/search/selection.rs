@@ -5,10 +5,12 @@
 //! those that hold what remains.
 
 use model_core::catalogue::Kind;
+use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
 use crate::diagnose::decide::{
     Beside, Ranking, Scored, behind, is_special_case, of_size, offers_terms, rank,
+    remembers_in_vain,
 };
 use crate::diagnose::evidence::alike::push_alike;
 use crate::diagnose::evidence::discrepancy::log_densities;
@@ -230,6 +232,8 @@ impl Rows {
             let parameters = share.row.candidate.fit.free.len() as f64;
             scored.leaves() / libm::pow(Policy::STANDARD.sure_leaves, parameters)
         };
+        let all: Vec<Scored> = terms.iter().map(|(_, scored)| scored.clone()).collect();
+        terms.retain(|(_, scored)| !remembers_in_vain(scored, &all, &Policy::STANDARD));
         terms.sort_by(|a, b| weighed(a).total_cmp(&weighed(b)));
         let first = self.all.len();
         for (share, scored) in terms {
@@ -268,9 +272,9 @@ impl Rows {
             candidate: repaired,
             table_leaves,
         } = self.repaired(context, validator, &ranking);
-        let own = ranking.first().filter(|_| repaired.added.len() == 2);
-        let own = own.and_then(|row| self.scored[row].kinds.first()?.info().own_variable);
-        let of = own.filter(|&own| repaired.fit.model.table().is_some_and(|it| it.of() == own));
+        let of = ranking
+            .first()
+            .and_then(|row| all_of_one_variable(&self.scored[row].kinds, &repaired));
         Selection {
             beside: of
                 .zip(table_leaves)
@@ -332,19 +336,38 @@ impl Rows {
             closes.overall >= 1.0 - policy.adds_to_repair
         });
         match table {
-            Some(candidate) => Repaired {
-                table_leaves: Some([
-                    candidate.fit.rmse() / by_name.fit.rmse(),
-                    error(&candidate) / error(&by_name),
-                ]),
-                candidate,
-            },
+            Some(candidate) => {
+                // Effects of its variable that help it are parts of its shape.
+                let alone = first
+                    .filter(|&row| {
+                        all_of_one_variable(&self.scored[row].kinds, &candidate).is_some()
+                    })
+                    .map(|row| everything(context, validator, &self.all[row].candidate));
+                let formula = alone.as_ref().unwrap_or(&by_name);
+                Repaired {
+                    table_leaves: Some([
+                        candidate.fit.rmse() / formula.fit.rmse(),
+                        error(&candidate) / error(formula),
+                    ]),
+                    candidate,
+                }
+            }
             None => Repaired {
                 candidate: by_name,
                 table_leaves: None,
             },
         }
     }
+}
+
+/// The variable of an effect by itself, if the repaired model has a table of it and nothing else
+/// beside the effect that is no function of it.
+fn all_of_one_variable(named: &[Kind], repaired: &Candidate) -> Option<Variable> {
+    let [named] = named else { return None };
+    let own = named.info().own_variable?;
+    let table = repaired.fit.model.table()?;
+    let is_of_it = |kind: &Kind| *kind == Kind::Table || kind.info().own_variable == Some(own);
+    (table.of() == own && repaired.added.iter().all(is_of_it)).then_some(own)
 }
 
 /// All rows with their shares; of several fits of one structure, the one that leaves least.

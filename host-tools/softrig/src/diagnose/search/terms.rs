@@ -15,6 +15,7 @@ use crate::diagnose::fit::candidates::{
 use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::diagnose::score::Guesses;
 use crate::diagnose::score::grammar::terms;
+use crate::diagnose::search::Options;
 use crate::diagnose::search::baseline::Baseline;
 use crate::diagnose::search::singles::{Singles, is_done, is_settled, most_of_rivals};
 use crate::diagnose::work::budget::SearchPart;
@@ -41,21 +42,22 @@ pub struct Terms {
 }
 
 impl Terms {
-    /// Beside single effects that leave more than noise; none where they do not, or where `wanted`
-    /// is not set, or the time is up.
+    /// Beside single effects that leave more than noise; none where they do not, or where none are
+    /// asked for, or the time is up.
     pub fn of(
         context: &FitContext<'_>,
         baseline: &Baseline,
         tried: &[Kind],
         singles: &Singles,
-        wanted: bool,
+        options: Options<'_>,
     ) -> Self {
         let floor = &baseline.floor;
         let job = context.executor.job();
-        if !wanted || is_settled(&singles.pool, floor) || !job.may_begin(SearchPart::Terms) {
+        let is_open = options.formulas && !is_settled(&singles.pool, floor);
+        if !is_open || !job.may_begin(SearchPart::Terms) {
             return Self::default();
         }
-        let mut fitted = fitted_terms(context, baseline, tried);
+        let mut fitted = fitted_terms(context, baseline, tried, options.without);
         let settle = settle(context, &fitted, singles, floor);
         if let Some(term) = fitted.first()
             && !settle
@@ -63,15 +65,6 @@ impl Terms {
         {
             let both = with_effects(context, baseline, tried, term);
             fitted.extend(both);
-        }
-        if std::env::var("DBG").is_ok() {
-            for it in singles.pool.iter().chain(&singles.coarse).chain(&fitted) {
-                eprintln!(
-                    "DBG {:?} {}",
-                    it.added.iter().map(|k| k.name()).collect::<Vec<_>>(),
-                    it.fit.rmse().to_degrees()
-                );
-            }
         }
         Self { fitted, settle }
     }
@@ -127,8 +120,13 @@ fn settle(
 }
 
 /// The best terms beside the refit, to their ends, the best first. `tried` are the effects of the
-/// catalogue, which need no term.
-fn fitted_terms(context: &FitContext<'_>, baseline: &Baseline, tried: &[Kind]) -> Vec<Candidate> {
+/// catalogue, which need no term; those of `without` are not asked for.
+fn fitted_terms(
+    context: &FitContext<'_>,
+    baseline: &Baseline,
+    tried: &[Kind],
+    without: &[String],
+) -> Vec<Candidate> {
     let executor = &context.executor;
     let progress = &executor.job().progress;
     let is_in_model = |kind: &Kind| {
@@ -136,7 +134,7 @@ fn fitted_terms(context: &FitContext<'_>, baseline: &Baseline, tried: &[Kind]) -
         effects.any(|effect| effect.kind().name() == kind.name())
     };
     let mut all = terms(context.scales, tried);
-    all.retain(|kind| !is_in_model(kind));
+    all.retain(|kind| !is_in_model(kind) && !without.iter().any(|name| name == kind.name()));
     progress.stage(Stage::Terms, LEADING + FINISHED);
     let fits = [&baseline.refit.fit, &baseline.nominal];
     let noise = baseline.floor.white;

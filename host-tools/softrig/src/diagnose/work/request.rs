@@ -19,7 +19,7 @@ pub struct Request<'a> {
     /// Whether formulas are tried where no effect is enough ([`mod@crate::diagnose::score::grammar`]).
     pub formulas: bool,
     /// Effects of the catalogue that are not tried.
-    pub without: &'a [Kind],
+    pub without: &'a [String],
     /// Random seed.
     pub seed: u64,
 }
