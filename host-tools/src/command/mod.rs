@@ -30,12 +30,31 @@ Examples:
   softrig example -o demo && softrig diagnose --model demo/model.toml demo/recordings/*.csv
   softrig diagnose --model m.toml id_*.csv --holdout vad_*.csv -o repaired.toml --plot gap.svg
   softrig simulate --model m.toml --protocol step --angle-deg 60 --plot step.svg
-  softrig record --port /dev/ttyACM0 --protocol steps -o run.csv"
+  softrig record --port /dev/ttyACM0 --protocol steps -o run.csv
+  softrig --cite",
+    override_usage = "softrig <COMMAND>",
+    arg_required_else_help = true,
+    args_conflicts_with_subcommands = true
 )]
 struct Cli {
+    /// Print how to cite softrig, as BibTeX
+    #[arg(long)]
+    cite: bool,
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
+
+/// How softrig is cited. CITATION.cff says the same.
+const BIBTEX: &str = concat!(
+    "@software{softrig,\n",
+    "  title   = {softrig: the physical effect that a simulation of a soft pneumatic actuator lacks},\n",
+    "  author  = {{The softrig authors}},\n",
+    "  version = {",
+    env!("CARGO_PKG_VERSION"),
+    "},\n",
+    "  year    = {2026}\n",
+    "}\n"
+);
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -97,7 +116,11 @@ pub fn main(arguments: &[OsString]) -> u8 {
             return u8::try_from(error.exit_code()).unwrap_or(WRONG_INPUT);
         }
     };
-    match check_threads().and_then(|()| run(cli.command)) {
+    let outcome = check_threads().and_then(|()| match cli.command {
+        Some(command) => run(command),
+        None => Ok(cli::print_own(BIBTEX)?),
+    });
+    match outcome {
         Ok(()) => 0,
         Err(error) => report(&error),
     }
@@ -158,7 +181,10 @@ fn run(command: Command) -> anyhow::Result<()> {
             let written = std::fs::create_dir_all(&output)
                 .and_then(|()| clap_mangen::generate_to(Cli::command(), &output));
             written.with_context(|| output.display().to_string())?;
-            cli::print(&format!("written: {}\n", output.join("rig*.1").display()))?;
+            cli::print(&format!(
+                "written: {}\n",
+                output.join("softrig*.1").display()
+            ))?;
             Ok(())
         }
     }

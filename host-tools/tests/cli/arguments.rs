@@ -4,6 +4,32 @@ use predicates::str::is_empty;
 
 use super::common::{Bench, stdout};
 
+/// The command, CITATION.cff and the README cite the same thing.
+#[test]
+fn it_is_cited_alike_everywhere() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let read = |name: &str| std::fs::read_to_string(root.join(name)).unwrap();
+    let (file, readme) = (read("CITATION.cff"), read("README.md"));
+    let bibtex = Bench::new().prints("--cite");
+    assert!(readme.contains(&bibtex), "{bibtex}");
+    let of = |key: &str| {
+        let (_, rest) = bibtex.split_once(&format!("{key} ")).unwrap();
+        let (_, value) = rest.split_once('{').unwrap();
+        value
+            .split('}')
+            .next()
+            .unwrap()
+            .trim_start_matches('{')
+            .to_owned()
+    };
+    for key in ["title", "author", "version"] {
+        let value = of(key);
+        let found = file.lines().any(|line| line.contains(&value));
+        assert!(found, "{key} {value}\n{file}");
+    }
+    assert_eq!(of("version"), env!("CARGO_PKG_VERSION"));
+}
+
 #[test]
 fn faults_of_arguments_exit_with_2() {
     let bench = Bench::new();

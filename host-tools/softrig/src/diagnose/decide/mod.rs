@@ -349,10 +349,11 @@ pub fn rank(scored: &[Scored], tried: usize, policy: &Policy) -> Ranking {
     }
 }
 
-/// Whether terms of the grammar take part: one of them leaves less than every single effect, fitted
-/// and held out, by more than another formula would, or by half where it leaves more than noise; and
-/// no more than the combination that explains the recordings without any. A term is one of many, and
-/// has no history; what has a name goes before it.
+/// Whether terms of the grammar take part. Where one of them leaves only noise: it leaves less than
+/// every single effect, fitted and held out, by more than another formula would, and no more than the
+/// combination that explains the recordings without any. Where it leaves more: nothing that has a
+/// name explains a part of the error, and it leaves half of what every single effect does. A term is
+/// one of many, and has no history; what has a name goes before it.
 pub fn offers_terms(scored: &[Scored], policy: &Policy) -> bool {
     let (terms, effects): (Vec<usize>, Vec<usize>) = (0..scored.len())
         .filter(|&row| takes_part(&scored[row]))
@@ -376,8 +377,9 @@ pub fn offers_terms(scored: &[Scored], policy: &Policy) -> bool {
     let singles = effects.iter().map(|&row| &scored[row]);
     let mut singles = singles.filter(|row| row.kinds.len() == 1);
     let known = leader(scored, &effects, refit, policy).map(|row| &scored[row]);
-    singles.all(is_far)
-        && known.is_none_or(|known| known.kinds.len() == 1 || term.leaves() <= known.leaves())
+    let goes_first =
+        |known: &Scored| !term.at_noise || known.kinds.len() > 1 && term.leaves() > known.leaves();
+    singles.all(is_far) && !known.is_some_and(goes_first)
 }
 
 /// Whether a term has a memory for which another without one makes up: it leaves about as much.
@@ -1205,10 +1207,11 @@ mod tests {
                 row(&[term], of_term),
             ]
         };
-        // Half, unless only noise is left.
-        let far = 1.0 / POLICY.term_leaves;
-        assert!(offers_terms(&rows(0.2 * far, 0.2), &POLICY));
-        assert!(!offers_terms(&rows(0.199 * far, 0.2), &POLICY));
+        // Where more than noise is left: half, and no name explains a part.
+        let half = POLICY.term_leaves;
+        assert!(offers_terms(&rows(0.9, 0.899 * half), &POLICY));
+        assert!(!offers_terms(&rows(0.9, 0.901 * half), &POLICY));
+        assert!(!offers_terms(&rows(0.5, 0.1), &POLICY));
         let at_noise = |effect: f64| {
             let mut rows = rows(effect, 0.2);
             rows[2].at_noise = true;
@@ -1228,6 +1231,7 @@ mod tests {
         // What a combination of names explains as well needs no formula.
         let pair = |leaves: f64| {
             let mut rows = rows(0.6, 0.2).to_vec();
+            rows[2].at_noise = true;
             rows.push(row(&[CoulombFriction, Gravity], leaves));
             offers_terms(&rows, &POLICY)
         };

@@ -317,7 +317,7 @@ fn relaxing(sizes: Sizes) -> Vec<Factor> {
     vec![
         of(
             "relaxing_angle",
-            "force with the angle that relaxes",
+            "relaxing force with the angle",
             "(th - z)",
             "rad",
             "th",
@@ -325,28 +325,22 @@ fn relaxing(sizes: Sizes) -> Vec<Factor> {
         .is(Kind::MaxwellBranch),
         of(
             "relaxing_angle_squared",
-            "force with the square of the angle that relaxes",
+            "relaxing force with the square of the angle",
             "(th^2 - z)",
             "rad^2",
             "th^2",
         ),
         of(
             "relaxing_angle_cubed",
-            "force with the cube of the angle that relaxes",
+            "relaxing force with the cube of the angle",
             "(th^3 - z)",
             "rad^3",
             "th^3",
         ),
-        of(
-            "relaxing_pressure",
-            "drive that relaxes",
-            "(p - z)",
-            "kPa",
-            "p",
-        ),
+        of("relaxing_pressure", "relaxing drive", "(p - z)", "kPa", "p"),
         of(
             "relaxing_pressure_by_angle",
-            "stiffness with the pressure that relaxes",
+            "relaxing stiffness by the pressure",
             "th*(p - z)",
             "rad/kPa",
             "p",
