@@ -151,7 +151,7 @@ fn a_formula_beside_an_effect_is_found_with_it() {
     let more = "parameters = { s = 1.0 }\n\n\
                 [[effect]]\nkind = \"maxwell_branch\"\nstiffness_n_per_rad = 0.8\n\
                 time_constant_s = 2.0\n";
-    let found = diagnosed_with("0.5*p^2/1000", more, true, &[]);
+    let found = diagnosed_with("1.5*p^2/1000", more, true, &[]);
     let mut named = found.named();
     named.sort_unstable();
     assert_eq!(

@@ -1531,9 +1531,12 @@ parameters = { c = { value = 2.0, unit = "N/rad^3" }, tau = { value = 1.5, min =
         };
         let shown = "Q = 2.00*(th^3 - z) N, dz/dt = (th^3 - z)/1.50";
         assert_eq!(with_numbers(&custom), shown);
-        let written = format!("schema = 1\n[[effect]]\n{}", section(&custom));
-        let written = written.replace("[memory]", "[effect.memory]");
-        let written = written.replace("[parameters]", "[effect.parameters]");
+        let mut document = toml_edit::DocumentMut::new();
+        document["schema"] = toml_edit::value(1);
+        let mut sections = toml_edit::ArrayOfTables::new();
+        sections.push(section(&custom));
+        document["effect"] = Item::ArrayOfTables(sections);
+        let written = document.to_string();
         let again = OwnEffects::parse(&written, Path::new("own.toml"));
         assert_eq!(again.unwrap().kinds, own.kinds, "{written}");
     }
@@ -1567,7 +1570,7 @@ parameters = { c = { value = 2.0, unit = "N/rad^3" }, tau = { value = 1.5, min =
         ] {
             let error = remembers(from, to).unwrap_err().to_string();
             assert!(error.contains(found), "{to}: {error}");
-            assert!(error.contains("own.toml:"), "{error}");
+            assert!(error.contains("own.toml, line"), "{error}");
         }
     }
 }

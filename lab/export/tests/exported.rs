@@ -135,7 +135,7 @@ fn with_effects(damping: f64, effects: &str) -> String {
 /// each other.
 #[allow(clippy::too_many_lines)] // A table.
 fn models() -> Vec<(String, ModelFile)> {
-    const EFFECTS: [(&str, f64, &str); 15] = [
+    const EFFECTS: [(&str, f64, &str); 16] = [
         ("base", 0.9, ""),
         ("overdamped", 40.0, ""),
         ("undamped", 0.0, ""),

@@ -58,7 +58,7 @@ impl Terms {
             return Self::default();
         }
         let mut fitted = fitted_terms(context, baseline, tried, options.without);
-        let settle = settle(context, &fitted, singles, floor);
+        let settle = settle(&fitted, singles, floor);
         if let Some(term) = fitted.first()
             && !settle
             && leads(term, singles)
@@ -101,22 +101,26 @@ fn with_effects(
 
 /// Whether the best of the terms leaves nothing for another effect to explain, where no single
 /// effect comes near: then it will take part, and combinations would have to leave less than nothing.
-fn settle(
-    context: &FitContext<'_>,
-    terms: &[Candidate],
-    singles: &Singles,
-    floor: &NoiseFloor,
-) -> bool {
+fn settle(terms: &[Candidate], singles: &Singles, floor: &NoiseFloor) -> bool {
     let policy = &Policy::STANDARD;
     let Some(term) = terms.first() else {
         return false;
     };
     let beyond = |candidate: &Candidate| excess(candidate.fit.rmse(), floor.total(), policy);
     let mut effects = singles.pool.iter().skip(1).chain(&singles.coarse);
-    // What is held until the end, as the sharpness of a sign, is no reason to search on.
-    let is_done = is_done(term, floor)
-        || release(context, term).is_ok_and(|released| is_done(&released, floor));
-    is_done && effects.all(|effect| beyond(effect) >= policy.comparable * beyond(term))
+    is_done(term, floor) && effects.all(|effect| beyond(effect) >= policy.comparable * beyond(term))
+}
+
+/// A term with what is held until the end, as the sharpness of a sign, if it leaves only noise with it
+/// and not without: that is no reason to search on.
+fn sharpened(context: &FitContext<'_>, term: Candidate, floor: &NoiseFloor) -> Candidate {
+    if is_done(&term, floor) {
+        return term;
+    }
+    match release(context, &term) {
+        Ok(released) if is_done(&released, floor) => released,
+        _ => term,
+    }
 }
 
 /// The best terms beside the refit, to their ends, the best first. `tried` are the effects of the
@@ -160,7 +164,8 @@ fn fitted_terms(
         .par_iter()
         .filter_map(|candidate| {
             let fitted = final_fit(&context, candidate, Effort::Full);
-            executor.reached(SearchPart::Terms, fitted)
+            let fitted = executor.reached(SearchPart::Terms, fitted)?;
+            Some(sharpened(&context, fitted, &baseline.floor))
         })
         .collect();
     fitted.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
