@@ -198,8 +198,16 @@ pub fn is_settled(pool: &[Candidate], floor: &NoiseFloor) -> bool {
 /// Whether nothing is left for another effect to explain, or so little that the formula
 /// may be to blame.
 pub fn is_done(candidate: &Candidate, floor: &NoiseFloor) -> bool {
-    // No effect explains the rig's repeatability.
-    let floor = floor.clone().with_repeats(&candidate.fit.residuals);
-    let left = candidate.fit.rmse();
-    floor.covers(left) || left <= Search::STANDARD.done * floor.total()
+    leaves_noise(candidate, floor)
+        || candidate.fit.rmse() <= Search::STANDARD.done * with_repeats(candidate, floor).total()
+}
+
+/// Whether what a structure leaves may be noise alone.
+pub fn leaves_noise(candidate: &Candidate, floor: &NoiseFloor) -> bool {
+    with_repeats(candidate, floor).covers(candidate.fit.rmse())
+}
+
+/// No effect explains the rig's repeatability.
+fn with_repeats(candidate: &Candidate, floor: &NoiseFloor) -> NoiseFloor {
+    floor.clone().with_repeats(&candidate.fit.residuals)
 }

@@ -17,7 +17,7 @@ use crate::diagnose::score::Guesses;
 use crate::diagnose::score::grammar::terms;
 use crate::diagnose::search::Options;
 use crate::diagnose::search::baseline::Baseline;
-use crate::diagnose::search::singles::{Singles, is_done, is_settled, most_of_rivals};
+use crate::diagnose::search::singles::{Singles, is_done, leaves_noise, most_of_rivals};
 use crate::diagnose::work::budget::SearchPart;
 use crate::diagnose::work::policy::Policy;
 use crate::diagnose::work::progress::Stage;
@@ -53,8 +53,9 @@ impl Terms {
     ) -> Self {
         let floor = &baseline.floor;
         let job = context.executor.job();
-        let is_open = options.formulas && !is_settled(&singles.pool, floor);
-        if !is_open || !job.may_begin(SearchPart::Terms) {
+        let mut effects = singles.pool.iter().skip(1);
+        let is_explained = effects.any(|effect| leaves_noise(effect, floor));
+        if !options.formulas || is_explained || !job.may_begin(SearchPart::Terms) {
             return Self::default();
         }
         let mut fitted = fitted_terms(context, baseline, tried, options.without);
