@@ -112,14 +112,13 @@ fn settle(terms: &[Candidate], singles: &Singles, floor: &NoiseFloor) -> bool {
     is_done(term, floor) && effects.all(|effect| beyond(effect) >= policy.comparable * beyond(term))
 }
 
-/// A term with what is held until the end, as the sharpness of a sign, if it leaves only noise with it
-/// and not without: that is no reason to search on.
+/// A term with what is held until the end, as the sharpness of a sign, if it leaves only noise with
+/// it: what that leaves is no reason to doubt the term, or to search on.
 fn sharpened(context: &FitContext<'_>, term: Candidate, floor: &NoiseFloor) -> Candidate {
-    if is_done(&term, floor) {
-        return term;
-    }
     match release(context, &term) {
-        Ok(released) if is_done(&released, floor) => released,
+        Ok(released) if leaves_noise(&released, floor) && released.fit.sse() < term.fit.sse() => {
+            released
+        }
         _ => term,
     }
 }
