@@ -74,7 +74,7 @@ pub struct Args {
     no_formulas: bool,
     /// Do not try these effects of the catalogue, or terms beyond it (term_…), as a check: what takes
     /// their place?
-    #[arg(long, value_name = "KIND,…", value_delimiter = ',', value_parser = effect_or_term)]
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = effect_or_term)]
     #[arg(conflicts_with = "batch")]
     without: Vec<String>,
     /// Validation recordings; without them, runs are left out in turn
