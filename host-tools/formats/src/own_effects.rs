@@ -117,6 +117,13 @@ impl OwnEffects {
         })
     }
 
+    /// The effect of this name, among a user's own or in the catalogue.
+    pub fn find(own: &[Kind], name: &str) -> Option<Kind> {
+        let mut own = own.iter().copied();
+        own.find(|kind| kind.name() == name)
+            .or_else(|| Kind::from_name(name).filter(|kind| kind.is_name()))
+    }
+
     /// Refuses an effect that the model has under the same name with another formula.
     ///
     /// # Errors
@@ -1291,6 +1298,10 @@ unit = "N/kPa"
         assert_eq!(pressed.parameters()[0].starts, [0.05, 0.001]);
         assert_eq!(wave.info().family, Family::StiffnessShape);
         assert_eq!(pressed.info().family, Family::Own("pressed"));
+
+        assert_eq!(OwnEffects::find(&own.kinds, "wave"), Some(*wave));
+        assert!(OwnEffects::find(&own.kinds, "gravity").is_some());
+        assert!(OwnEffects::find(&[], "wave").is_none());
 
         let plain = MODEL.split("[fit]").next().unwrap();
         let file = model(plain);

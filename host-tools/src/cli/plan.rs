@@ -297,11 +297,6 @@ fn grammar(file: &ModelFile, recordings: &[Recording]) -> Vec<Kind> {
 
 /// The two explanations in `--between`: effects of the catalogue, or `known` ones.
 fn between(text: &str, known: &[Kind]) -> Result<[Vec<Kind>; 2], InputError> {
-    let find = |name: &str| {
-        let named = |kind: &Kind| kind.name() == name;
-        let catalogued = || Kind::from_name(name).filter(|kind| kind.is_name());
-        known.iter().copied().find(named).or_else(catalogued)
-    };
     let advice = || {
         let kinds = Kind::NAMES.iter().chain(known);
         let known: Vec<&str> = kinds.map(|kind| kind.name()).collect();
@@ -315,7 +310,7 @@ fn between(text: &str, known: &[Kind]) -> Result<[Vec<Kind>; 2], InputError> {
         .map(|side| {
             side.split('+')
                 .map(|name| {
-                    find(name.trim()).ok_or_else(|| {
+                    OwnEffects::find(known, name.trim()).ok_or_else(|| {
                         InputError::new(format!("there is no effect \"{}\"", name.trim()), advice())
                     })
                 })

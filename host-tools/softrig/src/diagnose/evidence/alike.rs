@@ -10,7 +10,7 @@ use model_core::catalogue::Effect;
 use model_core::dynamics::Dynamics;
 
 use crate::diagnose::fit::candidates::Candidate;
-use crate::diagnose::score::{base_along, force_along};
+use crate::diagnose::score::{base_along, force_along, product};
 use crate::estimate::Dataset;
 use crate::statistics::mean;
 
@@ -27,8 +27,8 @@ pub fn push_alike(a: &Candidate, b: &Candidate, data: &Dataset) -> bool {
         return false;
     };
     let forces = forces([(bases[0], first), (bases[1], second)], data);
-    let taken_up = movable(bases[0], &a.fit.free, data);
-    correlation(&forces, &[]) >= ALIKE || correlation(&forces, &taken_up) >= ALIKE
+    let beside_base = || correlation(&forces, &movable(bases[0], &a.fit.free, data));
+    correlation(&forces, &[]) >= ALIKE || beside_base() >= ALIKE
 }
 
 /// Correlation, 0 to 1, of the forces of two effects, each beside its base, along the motion of the
@@ -70,10 +70,6 @@ fn movable(base: &Dynamics<f64>, free: &[ParameterId], data: &Dataset) -> Vec<Ve
         .filter(|(_, id)| free.contains(id))
         .map(|(column, _)| column)
         .collect()
-}
-
-fn product(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Correlation of two lines beside others: of what is left of each without its mean and them.

@@ -599,9 +599,9 @@ mod tests {
         assert_eq!(names.len(), terms.len());
         assert_eq!(titles.len(), terms.len());
         // None was dropped because its formula is not valid: 13 curves and 3 pressures, the curves
-        // with 4 pressures but for 6 with a shape of their own beside a threshold, 4 resistances alone, 5 with 7 growths, 4 of these with a constant
-        // part, 3 that pass, 1 by the rate alone, 5 that relax, and 3 pasts with 2 resistances and
-        // a stiffness.
+        // with 4 pressures but for 6 with a shape of their own beside a threshold, 4 resistances
+        // alone, 5 with 7 growths, 4 of these with a constant part, 3 that pass, the centrifugal
+        // one, 5 that relax, and 3 pasts with 2 resistances and a stiffness.
         assert_eq!(terms.len(), 13 + 3 + 46 + 4 + 35 + 28 + 3 + 1 + 5 + 9);
         assert!(terms.iter().all(|kind| is_term(*kind)));
     }
@@ -653,7 +653,7 @@ mod tests {
         }
     }
 
-    /// A memory never is below zero where what it follows is not, and it has a time constant.
+    /// Every memory follows something within a time that is a parameter.
     #[test]
     fn what_is_remembered_is_followed() {
         let terms = all();

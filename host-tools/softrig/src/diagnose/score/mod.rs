@@ -719,7 +719,8 @@ impl Terms {
     }
 }
 
-fn product(a: &[f64], b: &[f64]) -> f64 {
+/// The sum of the products of two lists.
+pub(crate) fn product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 

@@ -339,6 +339,7 @@ impl Rows {
             Some(candidate) => {
                 // Effects of its variable that help it are parts of its shape.
                 let alone = first
+                    .filter(|_| by_name.added.len() > 1)
                     .filter(|&row| {
                         all_of_one_variable(&self.scored[row].kinds, &candidate).is_some()
                     })
