@@ -83,6 +83,7 @@ impl Step {
 const OF_THE_PAGE: &[&str] = &[
     "Cargo.lock",
     "Cargo.toml",
+    "firmware",
     "host-tools",
     "lab/importers",
     "lab/web",

@@ -68,7 +68,7 @@ pub fn page() -> PathBuf {
 /// Builds the page, and returns where it is.
 pub fn web() -> Outcome<PathBuf> {
     let module = module()?;
-    let page = assembled(&module)?;
+    let page = assembled(&module, firmware()?.as_deref())?;
     if page.len() > MOST_BYTES {
         return Err(format!(
             "the page has {:.1} MB, and is to have {:.1} at most",
@@ -159,15 +159,23 @@ fn flags() -> String {
     flags
 }
 
+/// The image that the page flashes; none where the board's compiler is not installed.
+fn firmware() -> Outcome<Option<PathBuf>> {
+    if avr::is_linked() {
+        return Ok(Some(avr::hex(&avr::build()?)));
+    }
+    println!("  without the firmware, which takes the board's compiler (`cargo xtask setup`)");
+    Ok(None)
+}
+
 /// Puts the page together: each name in double braces is a file.
-fn assembled(module: &Path) -> Outcome<String> {
+fn assembled(module: &Path, firmware: Option<&Path>) -> Outcome<String> {
     let text = |path: &str| {
         let path = root().join(path);
         fs::read_to_string(&path)
             .map_err(|error| format!("cannot read {}: {error}", path.display()))
     };
     let mut page = text("lab/web/page/page.html")?;
-    let packed = packed(module)?;
     for (name, part) in [
         (
             "report.css",
@@ -176,7 +184,9 @@ fn assembled(module: &Path) -> Outcome<String> {
         ("page.css", text("lab/web/page/page.css")?),
         ("worker.js", text("lab/web/page/worker.js")?),
         ("page.js", text("lab/web/page/page.js")?),
-        ("wasm", packed),
+        ("board.js", text("lab/web/page/board.js")?),
+        ("wasm", packed(module)?),
+        ("firmware", firmware.map_or_else(|| Ok(String::new()), packed)?),
     ] {
         if part.contains("</script") || part.contains("</style") {
             return Err(format!("{name} would end its element of the page").into());
@@ -190,10 +200,10 @@ fn assembled(module: &Path) -> Outcome<String> {
     Ok(page)
 }
 
-/// The program packed with gzip, as text.
-fn packed(module: &Path) -> Outcome<String> {
+/// A file packed with gzip, as text.
+fn packed(path: &Path) -> Outcome<String> {
     let mut gzip = Command::new("gzip");
-    gzip.args(["-9", "-n", "-c"]).arg(module);
+    gzip.args(["-9", "-n", "-c"]).arg(path);
     let mut packing = gzip
         .stdout(Stdio::piped())
         .spawn()
@@ -207,7 +217,7 @@ fn packed(module: &Path) -> Outcome<String> {
         .wait()
         .map_err(|error| format!("cannot wait for gzip: {error}"))?;
     if !status.success() || !text.status.success() {
-        return Err("the program could not be packed with gzip and base64".into());
+        return Err(format!("{} could not be packed with gzip and base64", path.display()).into());
     }
     Ok(String::from_utf8_lossy(&text.stdout).into_owned())
 }

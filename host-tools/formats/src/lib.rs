@@ -18,6 +18,7 @@ pub mod error;
 pub mod family;
 pub mod formats;
 pub mod formula;
+pub mod instant;
 pub mod left_out;
 pub mod material_name;
 pub mod model_file;

@@ -393,6 +393,44 @@ pub fn key_text(key: Key) -> String {
     text.0
 }
 
+/// A table of changes: names, old and new values, units.
+pub fn changes_text(settings: &Settings, changes: &[Assignment]) -> String {
+    let mut after = settings.clone();
+    for &(key, bits) in changes {
+        // What is out of bounds is told before.
+        let _ = after.set(key, bits);
+    }
+    let rows: Vec<[String; 4]> = changes
+        .iter()
+        .map(|&(key, bits)| {
+            [
+                key_text(key),
+                shown(key, settings.bits(key).unwrap_or(0)),
+                shown(key, bits),
+                // A removed effect still gives the unit.
+                [&after, settings]
+                    .map(|settings| unit(settings, key))
+                    .into_iter()
+                    .find(|unit| !unit.is_empty())
+                    .unwrap_or_default()
+                    .to_owned(),
+            ]
+        })
+        .collect();
+    let width = |column: usize| {
+        rows.iter()
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
+    };
+    let (names, old, new) = (width(0), width(1), width(2));
+    rows.iter()
+        .fold(String::new(), |text, [name, from, to, unit]| {
+            let line = format!("{name:<names$}  {from:>old$} → {to:<new$}  {unit}");
+            text + line.trim_end() + "\n"
+        })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -533,5 +571,44 @@ mod tests {
                 "{message}"
             );
         }
+    }
+
+    #[test]
+    fn the_table_shows_both_values_and_the_unit() {
+        let changes = [
+            (Key::Damping, 0.9_f32.to_bits()),
+            (
+                Key::EffectKind { slot: 0 },
+                u32::from(wire::settings::effect_id("gravity")),
+            ),
+        ];
+        let mut settings = Settings::DEFAULT;
+        settings.set(Key::Damping, 1.8_f32.to_bits()).unwrap();
+        assert_eq!(
+            changes_text(&settings, &changes),
+            "damping   1.8 → 0.9      N s/rad\ne0.kind  none → gravity\n"
+        );
+    }
+
+    #[test]
+    fn parameters_of_effects_have_the_units_of_their_effects() {
+        let kind = Key::EffectKind { slot: 1 };
+        let parameter = Key::EffectParameter { slot: 1, index: 0 };
+        let friction = u32::from(wire::settings::effect_id("coulomb_friction"));
+        let changes = [(kind, friction), (parameter, 0.02_f32.to_bits())];
+        let text = changes_text(&Settings::DEFAULT, &changes);
+        assert!(
+            text.lines()
+                .any(|line| line.ends_with("0.02              N")),
+            "{text}"
+        );
+        // It goes again.
+        let mut settings = Settings::DEFAULT;
+        for (key, bits) in changes {
+            settings.set(key, bits).unwrap();
+        }
+        let text = changes_text(&settings, &[(kind, 0), (parameter, 0)]);
+        assert!(text.lines().any(|line| line.ends_with(" N")), "{text}");
+        assert!(!text.contains("SI"), "{text}");
     }
 }

@@ -1,7 +1,8 @@
 //! The operations of a board.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use softrig_formats::instant::Instant;
 use wire::answer::{Bits, Identity, ImageSum, Machine, Raw, SettingsId, Status, Switches};
 use wire::command::Command;
 use wire::fault::Fault;
@@ -328,6 +329,10 @@ impl Link {
         changes: &[(Key, u32)],
         mut progress: impl FnMut(u64, u64),
     ) -> Result<(), NotChanged> {
+        self.check_rest().map_err(|source| NotChanged {
+            accepted: false,
+            source: Box::new(source),
+        })?;
         let total = 2 * changes.len() as u64 + 1;
         let drafted = self.draft(changes, &mut |done| progress(done, total));
         if let Err(source) = drafted {
@@ -344,6 +349,18 @@ impl Link {
                 accepted: true,
                 source: Box::new(source),
             })
+    }
+
+    /// Refuses to change settings while something moves.
+    fn check_rest(&mut self) -> Result<(), LinkError> {
+        let state = self.status()?.state;
+        if matches!(state, State::Idle | State::Fault) {
+            return Ok(());
+        }
+        Err(self.late(
+            &format!("the board is {}", state.name()),
+            "settings are changed only while nothing moves: stop it first (`softrig monitor`, key s)",
+        ))
     }
 
     fn draft(

@@ -1,8 +1,9 @@
 //! Requests, samples and counts of lost lines.
 
 use std::collections::VecDeque;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use softrig_formats::instant::{Instant, sleep};
 use wire::answer::Identity;
 use wire::command::{Command, Request};
 use wire::reply::VERSION;
@@ -12,7 +13,7 @@ use super::board::Board;
 use super::error::LinkError;
 use super::heart::Silence;
 use super::line::{Incoming, command_text};
-use super::port::Connector;
+use super::transport::Connector;
 use super::worker::{BEAT_ID, FromBoard, Heard, Worker};
 
 /// How long to wait for what.
@@ -158,6 +159,11 @@ impl Link {
         self.connector.name()
     }
 
+    /// Whether a simulator is behind it.
+    pub fn is_simulated(&self) -> bool {
+        self.connector.is_simulated()
+    }
+
     /// The board's identity.
     pub fn board(&self) -> &Board {
         &self.board
@@ -187,7 +193,7 @@ impl Link {
         loop {
             let Some(incoming) = self.receive(until) else {
                 if self.worker.is_none() {
-                    std::thread::sleep(until.saturating_duration_since(Instant::now()));
+                    sleep(until.saturating_duration_since(Instant::now()));
                 }
                 return None;
             };

@@ -4,8 +4,9 @@
 //! restart its time is shifted so that it continues the recording, by the time that
 //! passed on the computer's clock.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use softrig_formats::instant::Instant;
 use wire::telemetry::{PERIOD_MS, Telemetry};
 
 use super::client::Received;

@@ -12,13 +12,17 @@
 
 use std::io::{self, Read, Write};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use softrig_formats::instant::Instant;
 use ihex::{Reader, Record};
 use softrig_formats::error::InputError;
 use wire::stamp::{FLASH_BYTES, MARK, STAMP_BYTES};
 
-use super::port::SerialConnector;
+use super::board::Board;
+use super::client::{Link, Timing};
+use super::error::LinkError;
+use super::transport::Connector;
 
 /// Bytes of a page, the most that one request writes.
 const PAGE_BYTES: usize = 256;
@@ -175,6 +179,19 @@ pub enum FlashError {
         /// What.
         what: String,
     },
+    /// The board has something else in its flash than was written.
+    #[error(
+        "{port}: the board found the checksum {found} in its flash; flash it again, with another cable if it happens twice"
+    )]
+    OtherChecksum {
+        /// The port.
+        port: String,
+        /// What it found, instead of what.
+        found: String,
+    },
+    /// The board did not start what was written.
+    #[error(transparent)]
+    Started(#[from] LinkError),
     /// The port itself failed.
     #[error("{port}: {source}; the cable was pulled? Flash the board again")]
     Port {
@@ -185,20 +202,58 @@ pub enum FlashError {
     },
 }
 
-/// Writes an image into the board behind a port; `progress` hears the bytes that are written of
-/// how many. The board starts it at the end.
+/// What is being done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// The bootloader is looked for.
+    Searching,
+    /// So many bytes of how many are written.
+    Writing(usize, usize),
+    /// The board starts the program and computes its checksum.
+    Starting,
+}
+
+/// Writes an image into the board behind a port, and compares the checksum of what the board then
+/// has. Returns what the board says it is.
 ///
 /// # Errors
 ///
 /// [`FlashError`].
-pub fn write(
-    port: &str,
+pub fn flash(
+    mut connector: impl Connector + 'static,
+    image: &Image,
+    mut progress: impl FnMut(Stage),
+) -> Result<Board, FlashError> {
+    progress(Stage::Searching);
+    write(&mut connector, image, |done, total| {
+        progress(Stage::Writing(done, total));
+    })?;
+    progress(Stage::Starting);
+    let link = Link::open(connector, Timing::default())?;
+    let board = link.board().clone();
+    let found = board.image.map(|sum| sum.found);
+    if found == Some(image.checksum()) {
+        return Ok(board);
+    }
+    Err(FlashError::OtherChecksum {
+        port: link.port().to_owned(),
+        found: found.map_or_else(
+            || "none".to_owned(),
+            |found| format!("{found:04x} instead of {:04x}", image.checksum()),
+        ),
+    })
+}
+
+/// Writes an image; `progress` hears the bytes that are written of how many. The board starts it at
+/// the end.
+fn write(
+    connector: &mut dyn Connector,
     image: &Image,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(), FlashError> {
-    let channel = SerialConnector::new(port).open_after_reset()?;
+    let channel = connector.open_after_reset()?;
     let mut loader = Loader {
-        port,
+        port: connector.name(),
         reader: channel.reader,
         writer: channel.writer,
         sequence: 0,

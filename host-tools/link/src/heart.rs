@@ -12,7 +12,9 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use softrig_formats::instant::Instant;
 
 /// Longest time between beats (ms), by the board's clock.
 const DEVICE_PACE_MS: u64 = 250;
@@ -303,6 +305,7 @@ impl Pulse {
 /// Asks to be run before ordinary programs, as the least of the real-time ones: this thread
 /// sleeps but for a few microseconds. Without the right to it (root, or `rtprio` in
 /// `/etc/security/limits.conf`) it goes on as it is.
+#[cfg(not(target_family = "wasm"))]
 pub(super) fn raise_priority() {
     #[cfg(unix)]
     {

@@ -1,7 +1,8 @@
 //! What a board remembers of its faults.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use softrig_formats::instant::{Instant, sleep};
 use wire::command::Command;
 use wire::history::{FaultRecord, LOGGED, MOMENTS, Moment};
 use wire::reply::Refusal;
@@ -37,7 +38,7 @@ impl Link {
                     refusal: Refusal::NotNow,
                     ..
                 }) if Instant::now() < written => {
-                    std::thread::sleep(Duration::from_millis(50));
+                    sleep(Duration::from_millis(50));
                     log.clear();
                     back = 0;
                     continue;

@@ -1,10 +1,8 @@
 //! Finding and opening serial ports.
 //!
-//! A port is opened through a [`Connector`], which can open it again when the cable is
-//! plugged in again. Reads time out after some milliseconds, so that the reader can do
-//! other work.
+//! Reads of a port time out after some milliseconds, so that the reader can do other work.
 
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,11 +10,9 @@ use serde::Serialize;
 use serialport::{ErrorKind, SerialPort as _, SerialPortType};
 
 use super::holders::{Holder, holders};
+use super::transport::{BAUD, Channel, Connector};
 use super::virtual_rigs::{VirtualRig, virtual_rigs};
 use softrig_formats::error::InputError;
-
-/// Bits a second.
-pub const BAUD: u32 = 115_200;
 
 /// How long a read waits for a byte.
 const READ_WAIT: Duration = Duration::from_millis(20);
@@ -28,34 +24,6 @@ const RESET_PULSE: Duration = Duration::from_millis(50);
 #[cfg(target_os = "linux")]
 const WRITE_WAIT: Duration = Duration::from_millis(100);
 
-/// Both directions of an open connection.
-pub struct Channel {
-    /// From the board; a read returns `TimedOut` after some milliseconds
-    /// without a byte.
-    pub reader: Box<dyn Read + Send>,
-    /// To the board; not buffered, since nobody flushes it.
-    pub writer: Box<dyn Write + Send>,
-}
-
-impl std::fmt::Debug for Channel {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Channel").finish_non_exhaustive()
-    }
-}
-
-/// Something that can be opened, and opened again after it vanished.
-pub trait Connector: Send {
-    /// Its name in messages.
-    fn name(&self) -> &str;
-
-    /// Opens it.
-    ///
-    /// # Errors
-    ///
-    /// Says why not and what to do.
-    fn open(&mut self) -> Result<Channel, InputError>;
-}
-
 /// A serial port by its name.
 #[derive(Clone, Debug)]
 pub struct SerialConnector {
@@ -66,23 +34,6 @@ impl SerialConnector {
     /// Names a port, as `softrig ports` lists it.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into() }
-    }
-
-    /// Opens it and pulls the board's reset line, as a programmer does: a board whose port was open
-    /// a moment ago has not noticed that it was opened again.
-    ///
-    /// # Errors
-    ///
-    /// As [`Connector::open`].
-    pub fn open_after_reset(&mut self) -> Result<Channel, InputError> {
-        let mut port = self.open_port()?;
-        for level in [false, true] {
-            // A pseudo-terminal has no such lines, and its rig is reset by being opened.
-            let _ = port.write_data_terminal_ready(level);
-            let _ = port.write_request_to_send(level);
-            std::thread::sleep(RESET_PULSE);
-        }
-        self.channel(port)
     }
 
     fn open_port(&self) -> Result<Native, InputError> {
@@ -118,8 +69,23 @@ impl Connector for SerialConnector {
         &self.name
     }
 
+    fn is_simulated(&self) -> bool {
+        is_pseudo_terminal(&self.name)
+    }
+
     fn open(&mut self) -> Result<Channel, InputError> {
         self.channel(self.open_port()?)
+    }
+
+    fn open_after_reset(&mut self) -> Result<Channel, InputError> {
+        let mut port = self.open_port()?;
+        for level in [false, true] {
+            // A pseudo-terminal has no such lines, and its rig is reset by being opened.
+            let _ = port.write_data_terminal_ready(level);
+            let _ = port.write_request_to_send(level);
+            std::thread::sleep(RESET_PULSE);
+        }
+        self.channel(port)
     }
 }
 

@@ -13,6 +13,7 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::terminal::remark;
 use toml::Spanned;
 
+#[cfg(not(target_family = "wasm"))]
 use crate::port::{is_pseudo_terminal, ports};
 
 /// The file's usual name.
@@ -168,6 +169,7 @@ fn text_of(path: &Path) -> Result<Option<String>, InputError> {
 
 /// The name by which a board is known again: the serial number of its USB chip, or the kind of
 /// that chip where it has none (most copies of the Mega); `simulated` behind a pseudo-terminal.
+#[cfg(not(target_family = "wasm"))]
 pub fn board_name(port: &str) -> String {
     if is_pseudo_terminal(port) {
         return "simulated".to_owned();

@@ -15,6 +15,7 @@ pub(crate) mod confidence;
 pub mod content;
 pub mod correlation;
 pub(crate) mod equation;
+pub mod gap;
 pub mod html;
 pub mod pictures;
 pub mod plot;

@@ -11,7 +11,6 @@
 //! - [`synth`] makes recordings with a known answer.
 //! - [`statistics`] holds what several of these count by.
 //! - [`portable`] is why the same recordings have the same verdict on every computer.
-//! - [`clock`] is the clock by which work counts its time.
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
@@ -19,7 +18,6 @@
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod board_gap;
-pub mod clock;
 pub mod comparison;
 pub mod diagnose;
 pub mod estimate;

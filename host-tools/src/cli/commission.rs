@@ -14,12 +14,14 @@ use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
 use super::port::PortArgs;
 use super::virtual_rig::Companion;
-use crate::commission::page::{Report, page, shown_limit, shown_value};
-use crate::commission::{Answer, Hand, Interrupted, Operator, Plan, Session, Switch};
+use crate::commission::{Report, page, shown_limit, shown_value};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::terminal::remark;
 use softrig_link::commission::{Outcome, Result as Finding, Step};
-use softrig_link::rig_file::{board_name, rig_file};
+use softrig_link::commission::session::{
+    Answer, Hand, Interrupted, Operator, Plan, Session, Switch,
+};
+use softrig_link::rig_file::{ClockRate, RigFile, board_name, rig_file};
 use softrig_link::{Link, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Tests a new board and its rig, step by step, in some minutes.
@@ -122,7 +124,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(companion) => companion.port().to_owned(),
         None => args.port.find()?,
     };
-    let mut terminal = Terminal::new(interrupt, args, companion, is_pseudo_terminal(&port));
+    let mut terminal = Terminal::new(interrupt, args, companion, &port, rig);
     terminal.break_at_start()?;
     let begun = Instant::now();
     let started = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
@@ -138,7 +140,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .collect(),
         watch_s: args.seconds,
         at_full_speed: args.virtual_rig,
-        rig_file: rig,
     };
     let mut session = Session::new(link, &mut terminal, plan);
     let outcome = session.run();
@@ -221,8 +222,10 @@ struct Terminal {
     interrupt: Interrupt,
     companion: Option<Companion>,
     fault: Option<String>,
-    /// A rig of `softrig virtual`, in another terminal.
-    is_simulated: bool,
+    /// The board's, behind which a rig of `softrig virtual` may be, in another terminal.
+    port: String,
+    /// Where the board's clock is written to.
+    rig_file: PathBuf,
     /// Nobody is asked.
     is_alone: bool,
     agrees: bool,
@@ -247,7 +250,8 @@ impl Terminal {
         interrupt: Interrupt,
         args: &Args,
         companion: Option<Companion>,
-        is_simulated: bool,
+        port: &str,
+        rig_file: PathBuf,
     ) -> Self {
         let is_alone = companion.is_none() && (args.yes || !std::io::stdin().is_terminal());
         let lines = (companion.is_none() && !is_alone).then(|| {
@@ -266,7 +270,8 @@ impl Terminal {
             interrupt,
             companion,
             fault: args.fault.clone(),
-            is_simulated,
+            port: port.to_owned(),
+            rig_file,
             is_alone,
             agrees: args.yes,
             lines,
@@ -426,7 +431,7 @@ impl Operator for Terminal {
             Hand::Pull(switch) => format!("Pull one wire of: {}", switch.name()),
             Hand::Plug(switch) => format!("Plug the wire in again: {}", switch.name()),
         };
-        if self.is_simulated {
+        if is_pseudo_terminal(&self.port) {
             text += &format!("; where `softrig virtual` runs: `{}`", control_line(hand));
         }
         self.ask_person(&format!("  →  {text}  (s skips)"))
@@ -455,5 +460,30 @@ impl Operator for Terminal {
                 None
             }
         })
+    }
+
+    fn keep_clock(&mut self, rate: ClockRate) -> anyhow::Result<String> {
+        let path = &self.rig_file;
+        // One that cannot be read is replaced, as the error about it says.
+        let before = RigFile::find(path).ok().flatten();
+        RigFile {
+            schema: 1,
+            // The next virtual rig is behind another.
+            port: (!is_pseudo_terminal(&self.port)).then(|| self.port.clone()),
+            recording: before.as_ref().and_then(|file| file.recording.clone()),
+            model: before.and_then(|file| file.model),
+            board: Some(board_name(&self.port)),
+            clock: Some(rate),
+        }
+        .write(path)?;
+        Ok(format!(
+            "Written to {}: `softrig record` corrects the times of this board by the factor {:.5}.",
+            path.display(),
+            rate.factor
+        ))
+    }
+
+    fn warn(&mut self, text: &str) {
+        self.bar.suspend(|| super::warn(text));
     }
 }

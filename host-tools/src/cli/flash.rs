@@ -8,8 +8,8 @@ use indicatif::ProgressStyle;
 
 use super::port::PortArgs;
 use softrig_formats::error::InputError;
-use softrig_link::flash::{self, Image};
-use softrig_link::{Link, SerialConnector, Timing};
+use softrig_link::SerialConnector;
+use softrig_link::flash::{self, Image, Stage};
 
 /// Writes the firmware into a board, and checks that it arrived whole.
 ///
@@ -63,34 +63,22 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     }
     let port = args.port.find()?;
     let bar = super::spinner();
-    bar.set_message("waiting for the bootloader");
     let begun = Instant::now();
-    flash::write(&port, &image, |done, total| {
-        if bar.length() != Some(total as u64) {
-            bar.set_length(total as u64);
-            if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}") {
-                bar.set_style(style);
+    let board = flash::flash(SerialConnector::new(&port), &image, |stage| match stage {
+        Stage::Searching => bar.set_message("waiting for the bootloader"),
+        Stage::Writing(done, total) => {
+            if bar.length() != Some(total as u64) {
+                bar.set_length(total as u64);
+                if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}") {
+                    bar.set_style(style);
+                }
+                bar.set_message("writing: do not pull the cable");
             }
-            bar.set_message("writing: do not pull the cable");
+            bar.set_position(done as u64);
         }
-        bar.set_position(done as u64);
+        Stage::Starting => bar.set_message("waiting for the board, which starts it"),
     })?;
-    bar.set_message("waiting for the board, which starts it");
-    let link = Link::open(SerialConnector::new(&port), Timing::default())?;
     bar.finish_and_clear();
-    let board = link.board();
-    let found = board.image.map(|sum| sum.found);
-    if found != Some(image.checksum()) {
-        let found = found.map_or_else(
-            || "none".to_owned(),
-            |found| format!("{found:04x} instead of {:04x}", image.checksum()),
-        );
-        return Err(InputError::new(
-            format!("the board found the checksum {found} in its flash"),
-            "flash it again, with another cable if it happens twice",
-        )
-        .into());
-    }
     Ok(super::print(&format!(
         "{named}\nwritten in {:.0} s; the board is softrig {} and has the same checksum\n",
         begun.elapsed().as_secs_f64(),

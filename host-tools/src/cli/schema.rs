@@ -7,7 +7,7 @@ use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
 use super::choice::choice;
 use super::{compare, fit, init, linearise, materials, plan, record, residuals, simulate};
-use crate::commission::page::Report;
+use crate::commission::Report;
 use softrig::board_gap::BoardGap;
 use softrig_formats::{model_schema, protocol_schema};
 

@@ -2,11 +2,9 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::{ArgGroup, Parser};
 use indicatif::{ProgressBar, ProgressStyle};
 use wire::settings::{Key, Settings};
-use wire::state::State;
 
 use super::port::PortArgs;
 use softrig::diagnose::decide::verdict::read_zeros;
@@ -15,7 +13,7 @@ use softrig::estimate::placement::without_law;
 use softrig::sim::board;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
-use softrig_formats::settings_file::{self, Assignment, key_text, shown};
+use softrig_formats::settings_file::{self, Assignment, key_text};
 use softrig_formats::setup::Setup;
 use softrig_link::{Link, SerialConnector, Timing};
 
@@ -115,7 +113,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if changes.is_empty() {
         return Ok(super::print("The board has these settings already.\n")?);
     }
-    super::print(&table(&settings, &changes))?;
+    super::print(&settings_file::changes_text(&settings, &changes))?;
     if let Some(model) = &model {
         let farthest = changes
             .iter()
@@ -156,14 +154,6 @@ fn stepped(file: &ModelFile, farthest_deg: f32) -> Result<String, InputError> {
 
 /// Changes settings, with a progress bar.
 pub(crate) fn apply(link: &mut Link, changes: &[Assignment]) -> anyhow::Result<()> {
-    let state = link.status()?.state;
-    if !matches!(state, State::Idle | State::Fault) {
-        return Err(link.late(
-            &format!("the board is {}", state.name()),
-            "settings are changed only while nothing moves: stop it first (`softrig monitor`, key s)",
-        ))
-        .context("nothing was changed: the board still uses its old settings");
-    }
     let bar = bar("writing");
     let outcome = link.change_settings(changes, |done, total| {
         bar.set_length(total);
@@ -190,86 +180,4 @@ fn bar(message: &'static str) -> ProgressBar {
         bar.set_style(style);
     }
     bar.with_message(message)
-}
-
-/// The table of changes: names, old and new values.
-fn table(settings: &Settings, changes: &[Assignment]) -> String {
-    let mut after = settings.clone();
-    for &(key, bits) in changes {
-        // What is out of bounds is told before.
-        let _ = after.set(key, bits);
-    }
-    let rows: Vec<[String; 4]> = changes
-        .iter()
-        .map(|&(key, bits)| {
-            [
-                key_text(key),
-                shown(key, settings.bits(key).unwrap_or(0)),
-                shown(key, bits),
-                // A removed effect still gives the unit.
-                [&after, settings]
-                    .map(|settings| settings_file::unit(settings, key))
-                    .into_iter()
-                    .find(|unit| !unit.is_empty())
-                    .unwrap_or_default()
-                    .to_owned(),
-            ]
-        })
-        .collect();
-    let width = |column: usize| {
-        rows.iter()
-            .map(|row| row[column].chars().count())
-            .max()
-            .unwrap_or(0)
-    };
-    let (names, old, new) = (width(0), width(1), width(2));
-    rows.iter()
-        .fold(String::new(), |text, [name, from, to, unit]| {
-            let line = format!("{name:<names$}  {from:>old$} → {to:<new$}  {unit}");
-            text + line.trim_end() + "\n"
-        })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_table_shows_both_values_and_the_unit() {
-        let changes = [
-            (Key::Damping, 0.9_f32.to_bits()),
-            (
-                Key::EffectKind { slot: 0 },
-                u32::from(wire::settings::effect_id("gravity")),
-            ),
-        ];
-        let mut settings = Settings::DEFAULT;
-        settings.set(Key::Damping, 1.8_f32.to_bits()).unwrap();
-        assert_eq!(
-            table(&settings, &changes),
-            "damping   1.8 → 0.9      N s/rad\ne0.kind  none → gravity\n"
-        );
-    }
-
-    #[test]
-    fn parameters_of_effects_have_the_units_of_their_effects() {
-        let kind = Key::EffectKind { slot: 1 };
-        let parameter = Key::EffectParameter { slot: 1, index: 0 };
-        let friction = u32::from(wire::settings::effect_id("coulomb_friction"));
-        let changes = [(kind, friction), (parameter, 0.02_f32.to_bits())];
-        let text = table(&Settings::DEFAULT, &changes);
-        assert!(
-            text.lines()
-                .any(|line| line.ends_with("0.02              N")),
-            "{text}"
-        );
-        // It goes again.
-        let mut settings = Settings::DEFAULT;
-        for (key, bits) in changes {
-            settings.set(key, bits).unwrap();
-        }
-        let text = table(&settings, &[(kind, 0), (parameter, 0)]);
-        assert!(text.lines().any(|line| line.ends_with(" N")), "{text}");
-        assert!(!text.contains("SI"), "{text}");
-    }
 }

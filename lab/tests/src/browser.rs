@@ -211,6 +211,25 @@ impl Page {
         self.loads("Page.navigate", &json!({ "url": url }));
     }
 
+    /// Runs a script before any that the page has, whatever the page's rules for content are.
+    pub fn begins_with(&self, script: &str) {
+        self.asks("Page.setBypassCSP", &json!({ "enabled": true }));
+        self.asks(
+            "Page.addScriptToEvaluateOnNewDocument",
+            &json!({ "source": script }),
+        );
+    }
+
+    /// Presses a key that has a text, as the space bar.
+    pub fn types(&self, key: &str, code: &str) {
+        for kind in ["keyDown", "keyUp"] {
+            self.asks(
+                "Input.dispatchKeyEvent",
+                &json!({ "type": kind, "key": key, "code": code }),
+            );
+        }
+    }
+
     /// Loads it again.
     pub fn reload(&self) {
         self.loads("Page.reload", &json!({}));

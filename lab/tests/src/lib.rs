@@ -2,4 +2,5 @@
 #![forbid(unsafe_code)]
 
 pub mod browser;
+pub mod person;
 pub mod reports;

@@ -5,7 +5,6 @@
 //! nothing to run, and the tests say so.
 
 use std::collections::BTreeSet;
-use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
@@ -18,24 +17,12 @@ use softrig::synth::example::{Example, Hidden, NOISE_DEG, make};
 use softrig_cli::cli::diagnose;
 use softrig_formats::model_file::{ModelFile, recording_layout};
 use softrig_formats::recording::Recording;
-use softrig_lab_tests::browser::{Browser, Page, browser};
+use softrig_lab_tests::browser::browser;
+use softrig_lab_tests::person::{Person, page};
 use softrig_tests::shared;
-
-const PAGE: &str = "SOFTRIG_PAGE";
 
 /// A desk, and the narrowest phone.
 const WIDTHS: [u32; 2] = [1280, 360];
-
-/// The longest that anything may take on a computer with other work (s).
-const LIMIT_S: u64 = 900;
-
-fn page() -> Option<PathBuf> {
-    let page = env::var_os(PAGE).map(PathBuf::from);
-    if page.is_none() {
-        println!("skipped: {PAGE} is not set; `cargo xtask test` sets it");
-    }
-    page
-}
 
 fn folder(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"))
@@ -44,129 +31,6 @@ fn folder(name: &str) -> PathBuf {
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).expect("a folder");
     folder
-}
-
-/// The page, as somebody uses it.
-struct Person(Page);
-
-impl Person {
-    fn opens(browser: &Browser, page: &Path, width: u32) -> Self {
-        let person = Self(Page::open(browser));
-        person.0.load(page, width);
-        person.waits();
-        person
-    }
-
-    fn reloads(&self) {
-        self.0.reload();
-        self.waits();
-    }
-
-    fn waits_until(&self, script: &str) {
-        let began = Instant::now();
-        while self.0.value(script) != Value::Bool(true) {
-            let said = "status.textContent + ' | ' + trouble.textContent";
-            assert!(
-                began.elapsed() < Duration::from_secs(LIMIT_S),
-                "never: {script}; the page says {}",
-                self.0.text(&by_id(said))
-            );
-            sleep(Duration::from_millis(100));
-        }
-    }
-
-    /// Until the page has done what it was asked.
-    fn waits(&self) {
-        self.waits_until(
-            "document.readyState === 'complete' && document.getElementById('version').textContent \
-             !== '' && !document.body.classList.contains('busy')",
-        );
-    }
-
-    fn chooses(&self, files: &[PathBuf]) {
-        let names: Vec<&str> = files
-            .iter()
-            .map(|path| path.to_str().expect("a plain name"))
-            .collect();
-        self.0.gives("#files", &names);
-        for path in files {
-            let name = path.file_name().expect("a name").to_string_lossy();
-            self.waits_until(&format!(
-                "document.querySelector('main').textContent.includes('{name}')"
-            ));
-        }
-        self.waits();
-    }
-
-    fn presses(&self, id: &str) {
-        self.0
-            .value(&format!("document.getElementById('{id}').click()"));
-    }
-
-    fn enters(&self, id: &str, value: &str) {
-        self.0.value(&format!(
-            "(() => {{ const field = document.getElementById('{id}'); field.value = '{value}'; \
-             field.dispatchEvent(new Event('change', {{ bubbles: true }})); }})()"
-        ));
-        self.waits();
-    }
-
-    /// Ticks the box that keeps a recording for validation.
-    fn holds_out(&self, path: &Path) {
-        let name = path.file_name().expect("a name").to_string_lossy();
-        self.0.value(&format!(
-            "[...document.querySelectorAll('.run')].find((run) => \
-             run.querySelector('h3').firstChild.textContent === '{name}')\
-             .querySelector('input').click()"
-        ));
-        self.waits();
-    }
-
-    fn reads(&self, id: &str) -> String {
-        self.0
-            .text(&format!("document.getElementById('{id}').textContent"))
-    }
-
-    /// How many elements a selector finds.
-    fn counts(&self, selector: &str) -> u64 {
-        let script = format!("document.querySelectorAll('{selector}').length");
-        self.0.value(&script).as_u64().expect("a number")
-    }
-
-    /// What a link saves.
-    fn saves(&self, id: &str, name: &str, into: &Path) -> String {
-        self.0.saves_into(into);
-        self.presses(id);
-        let path = into.join(name);
-        let began = Instant::now();
-        while !path.exists() {
-            assert!(
-                began.elapsed() < Duration::from_secs(60),
-                "{name} is not saved"
-            );
-            sleep(Duration::from_millis(50));
-        }
-        sleep(Duration::from_millis(100));
-        fs::read_to_string(path).expect("what was saved")
-    }
-
-    fn has_no_complaints(&self) {
-        let complaints = self.0.complaints();
-        assert!(complaints.is_empty(), "{complaints:?}");
-    }
-
-    fn fits(&self, what: &str) {
-        let script = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
-        let over = self.0.number(script);
-        assert!(over <= 0.0, "{what} is {over} px too wide");
-    }
-}
-
-/// A script in which elements go by their ids.
-fn by_id(script: &str) -> String {
-    script
-        .replace("status.", "document.getElementById('status').")
-        .replace("trouble.", "document.getElementById('trouble').")
 }
 
 /// What the command writes for the same files and flags.

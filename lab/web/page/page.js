@@ -51,6 +51,9 @@ function start() {
   if (worker) return started;
   worker = new Worker(program);
   worker.onmessage = ({ data }) => {
+    if (data.port) return port.does(data.port);
+    if (data.kept) return takeKept(data.kept);
+    if (data.shows) return showsRig(data.shows);
     if (!data.id) return hears(data);
     const { resolve, reject } = waiting.get(data.id) ?? {};
     waiting.delete(data.id);
@@ -107,7 +110,7 @@ async function keep() {
     .map((field) => [field.id, field.type === "checkbox" ? field.checked : field.value]));
   await new Promise((resolve) => {
     const transaction = data.transaction("desk", "readwrite");
-    transaction.objectStore("desk").put({ files: [...files], entered, heldOut: [...heldOut], said, result, remarks }, "all");
+    transaction.objectStore("desk").put({ files: [...files], entered, heldOut: [...heldOut], said, result, remarks, rig }, "all");
     transaction.oncomplete = transaction.onerror = transaction.onabort = resolve;
   });
 }
@@ -128,6 +131,7 @@ async function restore() {
   said = all.said;
   result = all.result;
   remarks = all.remarks;
+  Object.assign(rig, all.rig);
 }
 
 // ---- Saying things.
@@ -148,7 +152,7 @@ async function attempt(what, work) {
   trouble(null);
   say(what);
   document.body.classList.add("busy");
-  for (const button of document.querySelectorAll("button:not(#stop)")) button.disabled = true;
+  for (const button of document.querySelectorAll("button:not(#stop, .stop)")) button.disabled = true;
   try {
     await work();
     if ($("status").textContent === what) say("");
@@ -324,6 +328,7 @@ function show(found) {
   save($("save-layout"), "schema = 1\n" + found.section, "application/toml");
   model(found.model, good.length);
   verdict();
+  return gap();
 }
 
 const away = (name) => {
@@ -333,8 +338,24 @@ const away = (name) => {
   return button;
 };
 
+// Saves a recording that was made here, with what is known about it.
+const saved = (name) => {
+  const button = made("button", { type: "button", className: "bare", textContent: "Save" });
+  button.setAttribute("aria-label", "Save " + name);
+  button.addEventListener("click", () => {
+    for (const file of [name, name.replace(/csv$/, "meta.toml")]) {
+      if (!files.has(file)) continue;
+      const link = made("a", { download: file });
+      save(link, files.get(file), "text/plain");
+      link.click();
+    }
+  });
+  return button;
+};
+
 function run(it) {
-  const figure = made("figure", { className: "run" }, made("h3", {}, it.name, " ", away(it.name)));
+  const ofBoard = rig.runs.some(({ name }) => name === it.name);
+  const figure = made("figure", { className: "run" }, made("h3", {}, it.name, " ", made("span", {}, ...(ofBoard ? [saved(it.name)] : []), away(it.name))));
   if (it.fault) {
     figure.append(made("p", { className: "fault", textContent: it.fault.text }));
     // The words are the command's, and so are the flags in them.
@@ -440,6 +461,7 @@ function stop() {
 }
 
 function verdict() {
+  shown();
   $("result").hidden = !result;
   if (!result) return;
   $("stale").hidden = !result.stale;
@@ -478,6 +500,7 @@ async function clear() {
   files.clear();
   heldOut.clear();
   result = remarks = looked = null;
+  Object.assign(rig, { uploads: 0, runs: [], clock: null });
   said = false;
   for (const field of document.querySelectorAll("main input, main select")) {
     if (field.type === "checkbox") field.checked = false; else field.value = field.id === "seed" ? "1" : "";
@@ -490,7 +513,7 @@ async function clear() {
 
 async function begin() {
   const choices = await ask({ ask: "choices" });
-  $("version").textContent = choices.version;
+  beginRig(choices.protocols);
   $("material").append(...choices.materials.map((name) => made("option", { value: name, textContent: name })));
   quantities = choices.quantities;
   $("triples").replaceChildren(...quantities.map(({ key, column, units }) => {
@@ -507,6 +530,7 @@ async function begin() {
   await restore();
   for (const [name, bytes] of files) await ask({ ask: "put", name }, bytes);
   await read();
+  $("version").textContent = choices.version;
 }
 
 $("files").addEventListener("change", () => {
@@ -531,4 +555,3 @@ $("diagnose").addEventListener("click", () => attempt("Diagnosing …", diagnose
 $("stop").addEventListener("click", stop);
 $("example").addEventListener("click", () => attempt("Making recordings of an actuator that hides something …", example));
 $("clear").addEventListener("click", () => attempt("Clearing …", clear));
-attempt("Starting …", begin);

@@ -21,7 +21,69 @@ async function reportAndListen(address, bytes) {
   return stopped ? 0 : 1;
 }
 
+// ---- The port, which the page holds: what comes is a message.
+
+const came = [];
+let gone = false;
+let opened = () => {};
+let wake = () => {};
+
+function hearPort({ bytes, lost, open }) {
+  if (bytes) came.push(bytes);
+  if (lost !== undefined) gone = true;
+  if (open !== undefined) opened(open);
+  wake();
+}
+
+function say(text, at, room) {
+  const bytes = new TextEncoder().encode(text).subarray(0, room);
+  new Uint8Array(wasm.memory.buffer, at, bytes.length).set(bytes);
+  return bytes.length;
+}
+
+async function openPort(baud, reset, at, room) {
+  came.length = 0;
+  gone = false;
+  const reason = await new Promise((resolve) => {
+    opened = resolve;
+    postMessage({ port: { open: { baud, reset: Boolean(reset) } } });
+  });
+  return say(reason, at, room);
+}
+
+async function readPort(at, room, wait) {
+  if (came.length === 0 && !gone) {
+    await new Promise((resolve) => {
+      const timer = setTimeout(resolve, wait);
+      wake = () => { clearTimeout(timer); resolve(); };
+    });
+  }
+  if (came.length === 0) return gone ? -1 : 0;
+  let count = 0;
+  while (came.length > 0 && count < room) {
+    const piece = came[0].subarray(0, room - count);
+    new Uint8Array(wasm.memory.buffer, at + count, piece.length).set(piece);
+    count += piece.length;
+    if (piece.length === came[0].length) came.shift(); else came[0] = came[0].subarray(piece.length);
+  }
+  return count;
+}
+
+const waits = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
+const bytesAt = (address, bytes) => new Uint8Array(wasm.memory.buffer, address, bytes).slice();
+const suspending = (work, instead) => suspends ? new WebAssembly.Suspending(work) : instead;
+
 const page = {
+  date_ms: () => Date.now(),
+  sleep_ms: suspending(waits, () => {}),
+  port_open: suspending(openPort, (baud, reset, at, room) => say("that takes Chromium, Chrome or Edge 137 or later", at, room)),
+  port_read: suspending(readPort, () => -1),
+  port_write: (at, count) => postMessage({ port: { write: bytesAt(at, count) } }),
+  port_close: () => postMessage({ port: { close: true } }),
+  keep: (path, letters, at, count, append) => postMessage({ kept: { path: textAt(path, letters), bytes: bytesAt(at, count), append: Boolean(append) } }),
+  forget: (path, letters) => postMessage({ kept: { path: textAt(path, letters), forget: true } }),
+  shows: (at, bytes) => postMessage({ shows: JSON.parse(textAt(at, bytes)) }),
+  has_enough: () => stopped ? 1 : 0,
   now_ms: () => performance.now(),
   go_on: suspends ? new WebAssembly.Suspending(reportAndListen) : report,
   defect(address, bytes) { said = textAt(address, bytes); },
@@ -69,5 +131,7 @@ async function reply(data) {
 
 let last = Promise.resolve();
 onmessage = ({ data }) => {
-  if (data.stop) stopped = true; else last = last.then(() => reply(data));
+  if (data.stop) stopped = true;
+  else if (data.port) hearPort(data.port);
+  else last = last.then(() => reply(data));
 };

@@ -6,7 +6,8 @@ use model_core::catalogue::Kind;
 use model_core::material::TABLE_I;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
-use softrig::clock::Instant;
+use softrig_formats::instant::Instant;
+use softrig::board_gap::{BoardGap, predicted_runs};
 use softrig::diagnose::{Job, Request as Asked, diagnose};
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::placement::with_tip_load;
@@ -24,11 +25,14 @@ use softrig_formats::recording::{META_ENDING, Recording, meta_beside, recordings
 use softrig_formats::terminal::quoted;
 use softrig_report::Outputs;
 use softrig_report::content::Content;
+use softrig_report::gap::gap_figure;
 use softrig_report::html::page;
 use softrig_report::pictures::recording_figure;
 use softrig_report::plot::to_inline_svg;
 use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, METADATA, MODEL, Provenance, Source};
 use softrig_report::terminal::summary;
+
+use crate::board::protocols;
 
 /// The file of a folder, whose section `[recording]` says where its recordings stand.
 const FOLDER_FILE: &str = "softrig.toml";
@@ -91,6 +95,13 @@ pub enum Request {
         tolerance_deg: Option<f64>,
         /// Random seed.
         seed: u64,
+    },
+    /// How far the board's own prediction is off, in recordings before and after an upload.
+    Gap {
+        /// Recordings made before it.
+        before: Vec<String>,
+        /// Recordings made after it.
+        after: Vec<String>,
     },
     /// Makes the files of an example.
     Example {
@@ -284,6 +295,7 @@ impl Desk {
                 tolerance_deg,
                 seed,
             } => self.diagnose(&layout.layout()?, &holdout, tolerance_deg, seed, job)?,
+            Request::Gap { before, after } => self.gap(&before, &after)?,
             Request::Example { seed, effect } => example(seed, effect.as_deref())?,
         })
     }
@@ -421,6 +433,25 @@ impl Desk {
             "recordings": recordings,
             "meta": self.meta.iter().map(Held::name).collect::<Vec<_>>(),
             "meta_alone": alone.map(Held::name).collect::<Vec<_>>(),
+        }))
+    }
+
+    fn gap(&self, before: &[String], after: &[String]) -> Result<Value, InputError> {
+        let runs = |names: &[String]| {
+            let held = self.recordings.iter();
+            let named = held.filter(|held| names.contains(&held.name()));
+            let read = named.map(|held| Ok(self.recording(held, &Layout::default())?.0));
+            let read: Vec<Recording> = read.collect::<Result<_, InputError>>()?;
+            predicted_runs(&read).map(|(runs, _)| runs)
+        };
+        let (before, after) = (runs(before)?, runs(after)?);
+        let gap = BoardGap::of(&before, &after);
+        let figure = gap_figure(&before, &after, &gap);
+        Ok(json!({
+            "sentence": gap.sentence,
+            "before_deg": gap.before.rms_deg,
+            "after_deg": gap.after.map(|it| it.rms_deg),
+            "figure": to_inline_svg(&figure, "The gap before and after the upload"),
         }))
     }
 
@@ -643,6 +674,7 @@ fn shown(held: &Held, recording: &Recording, warnings: &[String], layout: &Layou
 fn choices() -> Value {
     json!({
         "version": env!("CARGO_PKG_VERSION"),
+        "protocols": protocols(),
         "quantities": Quantity::ALL.map(|of| json!({
             "key": of.key(),
             "column": of.column(),

@@ -1,13 +1,14 @@
 //! The acceptance test of a board and its rig: what each step is for, what it measures, and what
 //! it is held to.
 //!
-//! Everything here is computed from what a board sent, so it is tested without a port. Who sends
-//! the commands and speaks with the person at the rig is `softrig commission`.
+//! What is computed from what a board sent is tested without a port; [`session`] sends the commands
+//! and hears the answers.
 
 mod clock;
 mod lines;
 mod motion;
 mod noise;
+pub mod session;
 
 use schemars::JsonSchema;
 use serde::Serialize;

@@ -7,7 +7,10 @@
 mod black_box;
 mod limits;
 mod meta;
+mod outcome;
+pub mod session;
 mod sheet;
+pub mod shelf;
 mod split;
 
 use std::path::{Path, PathBuf};
@@ -19,11 +22,13 @@ use wire::telemetry::Telemetry;
 pub use black_box::black_box_path;
 pub use limits::check_limits;
 pub use meta::{About, Counts, Gap};
+pub use outcome::Recorded;
 pub use sheet::{COLUMNS, Sheet, line};
+pub use shelf::{Disk, Shelf, Table};
 pub use split::{Part, Step, parts, run_path, steps};
 
 use crate::{Clock, Event, Received};
-use softrig_formats::error::{InputError, Pending, replace_with_meta, write_atomically};
+use softrig_formats::error::InputError;
 use softrig_formats::recording::{FAULTY_ENDING, meta_beside};
 
 /// A sample at its place on the time axis, which is the board's until it is written.
@@ -38,6 +43,7 @@ pub struct LoggedSample {
 /// Writes what arrives.
 #[derive(Debug)]
 pub struct Recorder {
+    shelf: Box<dyn Shelf>,
     path: PathBuf,
     /// The recording's metadata.
     pub about: About,
@@ -75,16 +81,22 @@ impl Recorder {
     /// # Errors
     ///
     /// Names the file that cannot be written.
-    pub fn create(path: &Path, about: About, keep: bool) -> Result<Self, InputError> {
-        // All is ready before an earlier recording of this name is replaced.
-        let rows = Pending::new(path, sheet::header().as_bytes())?;
-        let meta = Pending::new(&meta_path(path), about.to_text().as_bytes())?;
-        let file = replace_with_meta(rows, meta)?;
+    pub fn create(
+        shelf: Box<dyn Shelf>,
+        path: &Path,
+        about: About,
+        keep: bool,
+    ) -> Result<Self, InputError> {
+        let table = shelf.begin(
+            (path, sheet::header().as_bytes()),
+            (&meta_path(path), about.to_text().as_bytes()),
+        )?;
         // What that recording left would be taken for ours.
-        let _ = std::fs::remove_file(faulty_path(path));
-        let _ = std::fs::remove_file(black_box_path(path));
+        shelf.remove(&faulty_path(path));
+        shelf.remove(&black_box_path(path));
         Ok(Self {
-            sheet: Sheet::after_header(path, file, about.clock_factor),
+            sheet: Sheet::after_header(table, about.clock_factor),
+            shelf,
             path: path.to_owned(),
             clock: about
                 .clock_factor
@@ -159,10 +171,11 @@ impl Recorder {
         }
         let faulty = match &mut self.faulty {
             Some(faulty) => faulty,
-            none => none.insert(Sheet::create(
-                &faulty_path(&self.path),
-                self.about.clock_factor,
-            )?),
+            none => {
+                let path = faulty_path(&self.path);
+                let table = self.shelf.table(&path, sheet::header().as_bytes())?;
+                none.insert(Sheet::after_header(table, self.about.clock_factor))
+            }
         };
         faulty.write(&row)?;
         self.counts.rows_without_reading += 1;
@@ -177,7 +190,7 @@ impl Recorder {
     pub fn write_black_box(&mut self, past: &[Moment]) -> Result<PathBuf, InputError> {
         let path = black_box_path(&self.path);
         let text = black_box::text(past, self.last.as_ref(), self.about.clock_factor);
-        write_atomically(&path, text.as_bytes())?;
+        self.shelf.put(&path, text.as_bytes())?;
         self.about.black_box = path
             .file_name()
             .map(|name| name.to_string_lossy().into_owned());
@@ -190,7 +203,8 @@ impl Recorder {
     ///
     /// Names the file that cannot be written.
     pub fn write_meta(&self) -> Result<(), InputError> {
-        write_atomically(&meta_path(&self.path), self.about.to_text().as_bytes())
+        self.shelf
+            .put(&meta_path(&self.path), self.about.to_text().as_bytes())
     }
 
     /// Ends the recording. Writes the parts of its protocol that were played into
@@ -214,7 +228,7 @@ impl Recorder {
         for run in runs.iter().filter(|_| cut) {
             if let Some(step) = run.step {
                 let path = run_path(&self.path, &step);
-                split::write_run(&path, &step, run.rows, &self.about)?;
+                split::write_run(self.shelf.as_ref(), &path, &step, run.rows, &self.about)?;
                 written.push(path);
             }
         }

@@ -1,16 +1,15 @@
 //! The table of a recording, one line per sample.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{Seek as _, SeekFrom, Write as _};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use softrig_formats::instant::Instant;
 use wire::decimal::Hundredths;
 use wire::telemetry::Setpoint;
 
+use super::shelf::Table;
 use super::{LoggedSample, seconds};
-use softrig_formats::error::{InputError, Pending};
+use softrig_formats::error::InputError;
 
 /// The columns, in their order.
 pub const COLUMNS: &str = "time_s,pressure_kpa,angle_deg,setpoint_deg,setpoint_kpa,pump_ul,predicted_deg,state,fault,seq,mismatch";
@@ -21,12 +20,9 @@ const SYNC_EVERY: Duration = Duration::from_secs(1);
 /// A table that is being written.
 #[derive(Debug)]
 pub struct Sheet {
-    path: PathBuf,
-    file: File,
+    table: Box<dyn Table>,
     /// Seconds in one of the board's, if that was measured.
     clock_factor: Option<f64>,
-    /// Bytes of whole lines.
-    length: u64,
     synced: Instant,
 }
 
@@ -36,34 +32,23 @@ pub(super) fn header() -> String {
 }
 
 impl Sheet {
-    /// Creates the file, with its header.
-    ///
-    /// # Errors
-    ///
-    /// Names the file.
-    pub fn create(path: &Path, clock_factor: Option<f64>) -> Result<Self, InputError> {
-        let file = Pending::new(path, header().as_bytes())?.commit()?;
-        Ok(Self::after_header(path, file, clock_factor))
-    }
-
-    /// Goes on after the header, which was written to the file.
-    pub(super) fn after_header(path: &Path, file: File, clock_factor: Option<f64>) -> Self {
+    /// Goes on with a table that has its header.
+    pub(super) fn after_header(table: Box<dyn Table>, clock_factor: Option<f64>) -> Self {
         Self {
-            path: path.to_owned(),
-            file,
+            table,
             clock_factor,
-            length: header().len() as u64,
             synced: Instant::now(),
         }
     }
 
-    /// Appends a row.
+    /// Appends a row, in one call.
     ///
     /// # Errors
     ///
     /// Names the file.
     pub fn write(&mut self, row: &LoggedSample) -> Result<(), InputError> {
-        self.append(&line(row, self.clock_factor))?;
+        self.table
+            .append(line(row, self.clock_factor).as_bytes())?;
         if self.synced.elapsed() >= SYNC_EVERY {
             self.sync()?;
         }
@@ -77,39 +62,8 @@ impl Sheet {
     /// Names the file.
     pub fn sync(&mut self) -> Result<(), InputError> {
         self.synced = Instant::now();
-        match self.file.sync_data() {
-            // Pipes and devices have no disk.
-            Err(error) if error.kind() != std::io::ErrorKind::InvalidInput => {
-                Err(not_written(&self.path, &error))
-            }
-            _ => Ok(()),
-        }
+        self.table.sync()
     }
-
-    /// One call, unbuffered: a program that is killed leaves whole lines.
-    fn append(&mut self, text: &str) -> Result<(), InputError> {
-        match self.file.write_all(text.as_bytes()) {
-            Ok(()) => {
-                self.length += text.len() as u64;
-                Ok(())
-            }
-            Err(error) => {
-                // A full disk takes a part of a line, which would be read as a wrong number.
-                // Taking back needs no room; pipes and devices keep what they got.
-                let _ = self.file.set_len(self.length);
-                let _ = self.file.seek(SeekFrom::Start(self.length));
-                Err(not_written(&self.path, &error))
-            }
-        }
-    }
-}
-
-fn not_written(path: &Path, error: &std::io::Error) -> InputError {
-    InputError::new(
-        format!("cannot be written: {error}"),
-        "check the folder and make space on the disk; the rows that were written are kept",
-    )
-    .in_file(path)
 }
 
 /// A row with its end. What is not known stays empty.

@@ -11,9 +11,10 @@ use wire::state::State;
 use wire::telemetry::{PERIOD_MS, Setpoint};
 
 use super::meta::About;
-use super::sheet::{COLUMNS, line};
+use super::sheet::{header, line};
+use super::shelf::Shelf;
 use super::{Counts, LoggedSample, meta_path, seconds};
-use softrig_formats::error::{InputError, write_with_meta};
+use softrig_formats::error::InputError;
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::recording::SegmentMeta;
 
@@ -295,6 +296,7 @@ fn place(rows: &[LoggedSample], onsets: &[usize], parts: &[Part]) -> Vec<Place> 
 
 /// Writes a run and what is known about it; its time starts at zero.
 pub(super) fn write_run(
+    shelf: &dyn Shelf,
     path: &Path,
     step: &Step,
     rows: &[LoggedSample],
@@ -304,7 +306,7 @@ pub(super) fn write_run(
         return Ok(());
     };
     let last = rows.last().unwrap_or(first);
-    let mut text = format!("{COLUMNS}\n");
+    let mut text = header();
     for row in rows {
         let from_start = LoggedSample {
             time_ms: row.time_ms - first.time_ms,
@@ -342,10 +344,12 @@ pub(super) fn write_run(
         gap,
         ..whole.clone()
     };
-    write_with_meta(
-        (path, text.as_bytes()),
-        (&meta_path(path), about.to_text().as_bytes()),
-    )
+    shelf
+        .begin(
+            (path, text.as_bytes()),
+            (&meta_path(path), about.to_text().as_bytes()),
+        )
+        .map(drop)
 }
 
 /// The name of the whole recording: that of the run without its ending.

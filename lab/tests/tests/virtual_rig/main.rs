@@ -6,5 +6,6 @@ mod commission;
 #[path = "../../../../host-tools/tests/common/mod.rs"]
 mod common;
 mod flash;
+mod page;
 mod served;
 mod whole_loop;

@@ -12,7 +12,7 @@ use model_core::actuator::{Model, ParameterId};
 use softrig_formats::numbers::spelled;
 use softrig_formats::recording::Recording;
 
-use crate::clock::Instant;
+use softrig_formats::instant::Instant;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Effort;
 use crate::estimate::fitter::Fitter;

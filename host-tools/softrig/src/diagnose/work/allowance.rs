@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use crate::clock::Instant;
+use softrig_formats::instant::Instant;
 use crate::diagnose::work::budget::{Budget, Ended, SearchPart};
 
 /// What a diagnosis may still do. Any thread may ask.

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use crate::clock::Instant;
+use softrig_formats::instant::Instant;
 use crate::diagnose::work::allowance::Allowance;
 use crate::diagnose::work::budget::{Budget, SearchPart};
 use crate::diagnose::work::progress::{Progress, State};
