@@ -186,7 +186,10 @@ fn assembled(module: &Path, firmware: Option<&Path>) -> Outcome<String> {
         ("page.js", text("lab/web/page/page.js")?),
         ("board.js", text("lab/web/page/board.js")?),
         ("wasm", packed(module)?),
-        ("firmware", firmware.map_or_else(|| Ok(String::new()), packed)?),
+        (
+            "firmware",
+            firmware.map_or_else(|| Ok(String::new()), packed)?,
+        ),
     ] {
         if part.contains("</script") || part.contains("</style") {
             return Err(format!("{name} would end its element of the page").into());
@@ -217,7 +220,11 @@ fn packed(path: &Path) -> Outcome<String> {
         .wait()
         .map_err(|error| format!("cannot wait for gzip: {error}"))?;
     if !status.success() || !text.status.success() {
-        return Err(format!("{} could not be packed with gzip and base64", path.display()).into());
+        return Err(format!(
+            "{} could not be packed with gzip and base64",
+            path.display()
+        )
+        .into());
     }
     Ok(String::from_utf8_lossy(&text.stdout).into_owned())
 }

@@ -14,9 +14,9 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::time::Duration;
 
-use softrig_formats::instant::Instant;
 use ihex::{Reader, Record};
 use softrig_formats::error::InputError;
+use softrig_formats::instant::Instant;
 use wire::stamp::{FLASH_BYTES, MARK, STAMP_BYTES};
 
 use super::board::Board;

@@ -10,6 +10,7 @@
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 mod board;
+pub mod calibrate;
 mod client;
 mod clock;
 pub mod commission;

@@ -17,10 +17,10 @@ use super::virtual_rig::Companion;
 use crate::commission::{Report, page, shown_limit, shown_value};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::terminal::remark;
-use softrig_link::commission::{Outcome, Result as Finding, Step};
 use softrig_link::commission::session::{
     Answer, Hand, Interrupted, Operator, Plan, Session, Switch,
 };
+use softrig_link::commission::{Outcome, Result as Finding, Step};
 use softrig_link::rig_file::{ClockRate, RigFile, board_name, rig_file};
 use softrig_link::{Link, SerialConnector, Timing, is_pseudo_terminal};
 

@@ -21,10 +21,10 @@ use softrig_formats::protocol_file::{ProtocolFile, describe};
 use softrig_formats::setup::Setup;
 use softrig_formats::terminal::remark;
 use softrig_link::line::command_text;
-use softrig_link::record::session::{
-    self, Attendant, ENDLESS, Plan, about, load_commands,
+use softrig_link::record::session::{self, Attendant, ENDLESS, Plan, about, load_commands};
+use softrig_link::record::{
+    Disk, LoggedSample, Recorded, Recorder, Step, meta_path, run_path, steps,
 };
-use softrig_link::record::{Disk, LoggedSample, Recorded, Recorder, Step, meta_path, run_path, steps};
 use softrig_link::rig_file::{RigFile, board_name, rig_file};
 use softrig_link::{Event, Link, SerialConnector};
 

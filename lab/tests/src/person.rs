@@ -165,4 +165,3 @@ fn by_id(script: &str) -> String {
         .replace("status.", "document.getElementById('status').")
         .replace("trouble.", "document.getElementById('trouble').")
 }
-

@@ -167,12 +167,17 @@ function showsRig(said) {
     if (said.purpose) $("rig-purpose").textContent = said.moves ? `${said.purpose} Moves: ${said.moves}.` : said.purpose;
     if (typeof said.share === "number") $("rig-bar").value = said.share; else $("rig-bar").removeAttribute("value");
   }
+  if (said.ask) $("rig-stage").textContent = said.ask;
+  if (said.ask) $("rig-ready").hidden = false;
+  if (said.now) $("rig-now").textContent = said.now;
+  if (said.note) $("rig-findings").append(made("li", { textContent: said.note }));
   if (said.remark) $("rig-findings").append(made("li", { className: "remark", textContent: said.remark }));
   if (said.finding) $("rig-findings").append(finding(said.finding));
   if (said.time_s !== undefined) {
     $("live").hidden = false;
     live.rows.push(said);
-    $("rig-now").textContent = `${said.time_s.toFixed(1)} s   ${said.state}   ${said.angle_deg ?? "–"}°   ${said.pressure_kpa ?? "–"} kPa`;
+    const [angle, pressure] = [said.angle_deg, said.pressure_kpa].map((it) => it?.toFixed(2) ?? "–");
+    $("rig-now").textContent = `${said.time_s.toFixed(1)} s   ${said.state}   ${angle}°   ${pressure} kPa`;
     if (!live.drawn) {
       live.drawn = true;
       requestAnimationFrame(drawLive);
@@ -202,6 +207,7 @@ function session(what, work) {
     live.rows = [];
     writing.clear();
     $("rig-findings").replaceChildren();
+    $("rig-table").textContent = "";
     $("rig-done").textContent = $("rig-now").textContent = $("rig-purpose").textContent = "";
     $("live").hidden = true;
     $("rig-progress").hidden = $("rig-stop").hidden = false;
@@ -214,12 +220,13 @@ function session(what, work) {
       $("rig-done").textContent = sentence;
     } finally {
       isRunning = false;
-      $("rig-stop").hidden = true;
+      $("rig-stop").hidden = $("rig-ready").hidden = true;
       $("rig-bar").value = 1;
       if (writing.size) {
         await keepWritten();
         for (const path of [...writing.keys()]) await ask({ ask: "put", name: path }, files.get(path));
-        changed();
+        // What is held out changes nothing in the verdict.
+        if (rig.uploads === 0) changed();
         await read();
       }
       shown();
@@ -277,10 +284,22 @@ async function checkRig() {
   return checked;
 }
 
+function calibrateRig() {
+  const points = $("points").value.split(/[\s,;]+/).filter((it) => it !== "").map(Number);
+  if (points.some((it) => !Number.isFinite(it))) throw new Fault({ text: `"${$("points").value}" is no list of angles: write 0 30 60 90 120.` });
+  return tabled({ do: "calibrate", points, lower_limits: $("lower-limits").checked });
+}
+
+// What is answered with a table.
+async function tabled(question) {
+  const answer = await ask(question);
+  $("rig-table").textContent = answer.table;
+  return answer;
+}
+
 async function uploadRig() {
-  const uploaded = await ask({ do: "upload", model: result.model });
+  const uploaded = await tabled(result ? { do: "upload", model: result.model, verdict: result.verdict } : { do: "upload", model: $("model-text").textContent, verdict: null });
   rig.uploads += 1;
-  $("rig-table").textContent = uploaded.table;
   return uploaded;
 }
 
@@ -302,7 +321,8 @@ function shown() {
   $("connect").textContent = has ? "Connect another board" : "Connect a board";
   $("connect").classList.toggle("main", !has);
   $("rig-actions").hidden = !has;
-  $("upload").hidden = !result?.model;
+  $("upload").hidden = !result?.model && $("model-text").textContent === "";
+  $("upload").textContent = result?.model ? "Upload the resulting model" : "Upload the model below";
   const next = $("protocol").querySelector("[value=next]");
   next.hidden = next.disabled = !result?.next;
   $("rig-table").hidden = $("rig-table").textContent === "";
@@ -312,7 +332,7 @@ function beginRig(protocols) {
   const hasPort = "serial" in navigator;
   $("no-port").hidden = hasPort;
   $("with-port").hidden = !hasPort;
-  $("protocol").append(...protocols.map(({ name, title, seconds }) => made("option", { value: name, textContent: `${name}: ${title} (${Math.ceil(seconds / 60)} min)` })),
+  $("protocol").append(...protocols.map(({ name, title, seconds }) => made("option", { value: name, textContent: `${name}, ${Math.ceil(seconds / 60)} min: ${title}` })),
     made("option", { value: "next", textContent: "the experiment that the verdict asks for", hidden: true, disabled: true }));
   $("image-note").textContent = $("firmware").textContent.trim() ? "This page carries the firmware of its version." : "This page carries no firmware; choose the .hex file of a release.";
   if (!hasPort) return;
@@ -321,10 +341,9 @@ function beginRig(protocols) {
   $("connect").addEventListener("click", () => attempt("Choose the board's port …", connect));
   $("flash").addEventListener("click", () => session("Flashing …", async () => ask({ do: "flash" }, await image())));
   $("check").addEventListener("click", () => session("Checking …", checkRig));
-  $("record").addEventListener("click", () => session("Recording …", async () => {
-    const recorded = await recordRig();
-    return recorded;
-  }));
+  $("record").addEventListener("click", () => session("Recording …", recordRig));
+  $("calibrate").addEventListener("click", () => session("Calibrating …", calibrateRig));
+  $("rig-ready").addEventListener("click", () => worker?.postMessage({ ready: true }));
   $("upload").addEventListener("click", () => session("Uploading …", uploadRig));
   $("rig-stop").addEventListener("click", stopRig);
   window.addEventListener("keydown", (event) => {

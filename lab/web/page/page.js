@@ -152,7 +152,7 @@ async function attempt(what, work) {
   trouble(null);
   say(what);
   document.body.classList.add("busy");
-  for (const button of document.querySelectorAll("button:not(#stop, .stop)")) button.disabled = true;
+  for (const button of document.querySelectorAll("button:not(#stop, #rig-ready, .stop)")) button.disabled = true;
   try {
     await work();
     if ($("status").textContent === what) say("");
@@ -248,7 +248,7 @@ async function read() {
     });
     found = await ask({ ask: "read", layout: layout() });
   }
-  show(found);
+  await show(found);
   look();
   await keep();
 }
@@ -384,6 +384,7 @@ function model(about, recordings) {
   $("has-model").hidden = !about;
   $("no-model").hidden = Boolean(about);
   $("first").disabled = $("first-both").disabled = recordings === 0;
+  if (!about) $("model-text").textContent = "";
   if (!about) return;
   $("model-name").replaceChildren(made("b", { textContent: about.name }), about.title ? `: ${about.title}` : "");
   $("model-remarks").textContent = about.fault?.text ?? [...about.warnings, ...(remarks ?? [])].join(" ");

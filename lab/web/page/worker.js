@@ -2,6 +2,7 @@
 "use strict";
 let wasm;
 let stopped = false;
+let ready = false;
 let said = "";
 const decoder = new TextDecoder();
 const textAt = (address, bytes) => decoder.decode(new Uint8Array(wasm.memory.buffer, address, bytes));
@@ -84,6 +85,11 @@ const page = {
   forget: (path, letters) => postMessage({ kept: { path: textAt(path, letters), forget: true } }),
   shows: (at, bytes) => postMessage({ shows: JSON.parse(textAt(at, bytes)) }),
   has_enough: () => stopped ? 1 : 0,
+  is_ready() {
+    const was = ready;
+    ready = false;
+    return was ? 1 : 0;
+  },
   now_ms: () => performance.now(),
   go_on: suspends ? new WebAssembly.Suspending(reportAndListen) : report,
   defect(address, bytes) { said = textAt(address, bytes); },
@@ -132,6 +138,7 @@ async function reply(data) {
 let last = Promise.resolve();
 onmessage = ({ data }) => {
   if (data.stop) stopped = true;
+  else if (data.ready) ready = true;
   else if (data.port) hearPort(data.port);
   else last = last.then(() => reply(data));
 };

@@ -8,12 +8,16 @@ use std::time::Duration;
 
 use serde::Deserialize;
 use serde_json::{Value, json};
+use softrig::diagnose::decide::verdict::zeros_in;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::protocol_file::ProtocolFile;
 use softrig_formats::settings_file::{Assignment, changes_text, from_model};
 use softrig_formats::setup::Setup;
-use softrig_link::commission::session::{Answer, Hand, Interrupted, Operator, Plan as Test, Session};
+use softrig_link::calibrate::{Operator as Bender, Plan as Calibration, calibrate, check_angles};
+use softrig_link::commission::session::{
+    Answer, Hand, Interrupted, Operator, Plan as Test, Session,
+};
 use softrig_link::commission::{Outcome, Result as Finding, Step};
 use softrig_link::flash::{self, Image, Stage};
 use softrig_link::record::session::{Attendant, Plan, record};
@@ -56,6 +60,9 @@ pub trait Outside {
     /// Whether somebody has pressed the stop.
     fn has_enough(&self) -> bool;
 
+    /// Whether somebody has said that it is done, since this was asked last.
+    fn is_ready(&self) -> bool;
+
     /// This moment (RFC 3339, UTC).
     fn now(&self) -> String;
 }
@@ -73,7 +80,14 @@ pub enum Request {
         /// Whether those that move something are among them.
         moving: bool,
     },
-    /// Plays a protocol and records, or records for a time.
+    /// Calibrates the sensors, with somebody who bends the actuator.
+    Calibrate {
+        /// Angles to bend to (°).
+        points: Vec<f32>,
+        /// Whether limits that the table does not reach are lowered.
+        lower_limits: bool,
+    },
+    /// Plays a protocol and records.
     Record {
         /// The name of the recording.
         name: String,
@@ -88,6 +102,8 @@ pub enum Request {
     Upload {
         /// The text of its file.
         model: String,
+        /// The verdict whose zeros of the sensors correct the calibration.
+        verdict: Option<String>,
     },
 }
 
@@ -113,6 +129,10 @@ pub fn answer(request: Request, bytes: &[u8], outside: &dyn Outside) -> anyhow::
     match request {
         Request::Flash => written(bytes, outside),
         Request::Check { seconds, moving } => checked(seconds, moving, outside),
+        Request::Calibrate {
+            points,
+            lower_limits,
+        } => calibrated(points, lower_limits, outside),
         Request::Record {
             name,
             protocol,
@@ -127,7 +147,7 @@ pub fn answer(request: Request, bytes: &[u8], outside: &dyn Outside) -> anyhow::
             };
             recorded(&plan, outside)
         }
-        Request::Upload { model } => uploaded(&model, outside),
+        Request::Upload { model, verdict } => uploaded(&model, verdict.as_deref(), outside),
     }
 }
 
@@ -335,15 +355,88 @@ impl Operator for Alone<'_> {
     }
 }
 
-fn uploaded(model: &str, outside: &dyn Outside) -> anyhow::Result<Value> {
+fn calibrated(
+    points: Vec<f32>,
+    lower_limits: bool,
+    outside: &dyn Outside,
+) -> anyhow::Result<Value> {
+    check_angles(&points)?;
+    stage(outside, "waiting for the board, which restarts", None);
+    let mut link = Link::open(outside.connector(), Timing::default())?;
+    let plan = Calibration {
+        points,
+        assumed: None,
+        lower_limits,
+        dry_run: false,
+    };
+    let mut hand = Hands {
+        outside,
+        table: String::new(),
+    };
+    let sentence = calibrate(&mut link, plan, &mut hand)?;
+    Ok(json!({ "sentence": sentence, "table": hand.table }))
+}
+
+/// Somebody who bends the actuator.
+struct Hands<'o> {
+    outside: &'o dyn Outside,
+    table: String,
+}
+
+impl Bender for Hands<'_> {
+    fn asks(&mut self, what: &str) {
+        // What was said before is no answer to it.
+        self.outside.is_ready();
+        self.outside.shows(&json!({ "ask": what }));
+    }
+
+    fn sees(&mut self, counts: Option<f32>) {
+        let now = match counts {
+            Some(counts) => format!("{counts:.1} counts"),
+            None => "averaging, hold still".to_owned(),
+        };
+        self.outside.shows(&json!({ "now": now }));
+    }
+
+    fn says(&mut self, text: &str) {
+        self.outside.shows(&json!({ "note": text }));
+    }
+
+    fn warns(&mut self, text: &str) {
+        self.outside.shows(&json!({ "remark": text }));
+    }
+
+    fn shows(&mut self, table: &str) -> anyhow::Result<()> {
+        table.clone_into(&mut self.table);
+        Ok(())
+    }
+
+    fn is_ready(&mut self) -> anyhow::Result<bool> {
+        self.may_go_on()?;
+        Ok(self.outside.is_ready())
+    }
+
+    fn may_go_on(&self) -> anyhow::Result<()> {
+        if self.outside.has_enough() {
+            anyhow::bail!("ended by the operator; nothing was changed");
+        }
+        Ok(())
+    }
+}
+
+fn uploaded(model: &str, verdict: Option<&str>, outside: &dyn Outside) -> anyhow::Result<Value> {
     let file = ModelFile::parse(model, Path::new("model.toml"))?;
-    let wanted = from_model(&file)?;
+    let mut wanted = from_model(&file)?;
+    let zeros = verdict.map(|text| zeros_in(text, Path::new("verdict.json")));
     stage(outside, "waiting for the board, which restarts", None);
     let mut link = Link::open(outside.connector(), Timing::default())?;
     let share = |done: u64, total: u64| Some(done as f64 / total as f64);
     let settings = link.read_settings(|done, total| {
         stage(outside, "reading the board's settings", share(done, total));
     })?;
+    if let Some(zeros) = zeros.transpose()? {
+        wanted.extend(zeros.taken_from(&settings, &wanted)?);
+    }
     let changes: Vec<Assignment> = wanted
         .into_iter()
         .filter(|&(key, bits)| settings.bits(key) != Some(bits))

@@ -38,6 +38,8 @@ unsafe extern "C" {
     safe fn shows(text: *const u8, bytes: usize);
     /// Whether the stop was pressed.
     safe fn has_enough() -> bool;
+    /// Whether it was said that something is done, since this was asked last.
+    safe fn is_ready() -> bool;
     /// Opens the port that was chosen, and resets the board if it is asked to. How many bytes of
     /// the reason are now in the room for it, where it cannot be opened.
     safe fn port_open(baud: u32, reset: bool, reason: *mut u8, room: usize) -> usize;
@@ -173,6 +175,10 @@ impl Outside for Browser {
         has_enough()
     }
 
+    fn is_ready(&self) -> bool {
+        is_ready()
+    }
+
     fn now(&self) -> String {
         let since = Duration::from_secs_f64(date_ms().max(0.0) / 1e3);
         humantime::format_rfc3339_seconds(SystemTime::UNIX_EPOCH + since).to_string()
@@ -256,7 +262,13 @@ struct Kept;
 struct KeptTable(String);
 
 fn kept(path: &str, bytes: &[u8], append: bool) {
-    keep(path.as_ptr(), path.len(), bytes.as_ptr(), bytes.len(), append);
+    keep(
+        path.as_ptr(),
+        path.len(),
+        bytes.as_ptr(),
+        bytes.len(),
+        append,
+    );
 }
 
 impl Shelf for Kept {

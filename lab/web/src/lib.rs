@@ -9,7 +9,7 @@
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
 
+pub mod board;
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 mod boundary;
-pub mod board;
 pub mod desk;

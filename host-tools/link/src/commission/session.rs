@@ -6,14 +6,14 @@
 
 use std::time::Duration;
 
-use softrig_formats::instant::{Instant, sleep};
-use softrig_formats::settings_file::key_text;
 use super::{
     Curve, Hold, Limit, Measured, Noise, Outcome, Result as Finding, Step, Stop, Watched, curves,
     rate, spectrum,
 };
 use crate::rig_file::{ClockRate, FARTHEST_RATE};
 use crate::{Counters, Event, Link, LinkError, Received};
+use softrig_formats::instant::{Instant, sleep};
+use softrig_formats::settings_file::key_text;
 use wire::answer::{SettingsId, Switches};
 use wire::command::Command;
 use wire::decimal::Hundredths;

@@ -107,7 +107,10 @@ fn text(recorder: &Recorder) -> String {
             "from {from_s:.1} s on the angle disagrees with the board's prediction (column mismatch): a flex sensor that came off, or a model that is wrong\n"
         );
     }
-    text += &recorder.about.lost_steps.map_or_else(String::new, told_lost);
+    text += &recorder
+        .about
+        .lost_steps
+        .map_or_else(String::new, told_lost);
     if recorder.about.black_box.is_some() {
         text += &format!(
             "the second before the fault, as the board saw it: {}\n",

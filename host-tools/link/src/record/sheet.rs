@@ -47,8 +47,7 @@ impl Sheet {
     ///
     /// Names the file.
     pub fn write(&mut self, row: &LoggedSample) -> Result<(), InputError> {
-        self.table
-            .append(line(row, self.clock_factor).as_bytes())?;
+        self.table.append(line(row, self.clock_factor).as_bytes())?;
         if self.synced.elapsed() >= SYNC_EVERY {
             self.sync()?;
         }

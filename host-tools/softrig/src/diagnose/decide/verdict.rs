@@ -282,12 +282,20 @@ impl Zeros {
 ///
 /// Says why the file has none.
 pub fn read_zeros(path: &Path) -> Result<BoardZeros, InputError> {
+    zeros_in(&read_text(path)?, path)
+}
+
+/// Those in the text of a verdict; `path` is only named in messages.
+///
+/// # Errors
+///
+/// Says why there are none.
+pub fn zeros_in(text: &str, path: &Path) -> Result<BoardZeros, InputError> {
     #[derive(Deserialize)]
     struct Written {
         nuisance: Option<Zeros>,
     }
-    let text = read_text(path)?;
-    let verdict: Written = serde_json::from_str(&text).map_err(|error| {
+    let verdict: Written = serde_json::from_str(text).map_err(|error| {
         let mut fault = InputError::new(
             format!("is not a verdict: {error}"),
             "give the file that `softrig diagnose --json` wrote",

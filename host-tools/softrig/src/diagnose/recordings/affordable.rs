@@ -12,11 +12,11 @@ use model_core::actuator::{Model, ParameterId};
 use softrig_formats::numbers::spelled;
 use softrig_formats::recording::Recording;
 
-use softrig_formats::instant::Instant;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Effort;
 use crate::estimate::fitter::Fitter;
 use crate::estimate::usable::{Concern, Matter};
+use softrig_formats::instant::Instant;
 
 /// Simulations of all samples, with derivatives, that a diagnosis takes, in those of the model
 /// as it is: some thirty effects with a few starts of a dozen steps and the validation of the

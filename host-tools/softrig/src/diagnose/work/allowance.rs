@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use softrig_formats::instant::Instant;
 use crate::diagnose::work::budget::{Budget, Ended, SearchPart};
+use softrig_formats::instant::Instant;
 
 /// What a diagnosis may still do. Any thread may ask.
 #[derive(Debug)]

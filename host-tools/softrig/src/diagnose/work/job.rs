@@ -5,10 +5,10 @@
 
 use std::fmt;
 
-use softrig_formats::instant::Instant;
 use crate::diagnose::work::allowance::Allowance;
 use crate::diagnose::work::budget::{Budget, SearchPart};
 use crate::diagnose::work::progress::{Progress, State};
+use softrig_formats::instant::Instant;
 
 /// A diagnosis at work, or a batch of them.
 #[derive(Debug)]

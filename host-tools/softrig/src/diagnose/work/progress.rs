@@ -11,9 +11,9 @@ use std::time::Duration;
 
 use model_core::catalogue::Kind;
 
-use softrig_formats::instant::Instant;
 use crate::diagnose::work::policy::Policy;
 use softrig_formats::family::{names, of_all, title};
+use softrig_formats::instant::Instant;
 use softrig_formats::numbers::duration;
 use softrig_formats::numbers::{degrees, percent};
 
