@@ -4,6 +4,7 @@
 //! belong to it.
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -34,6 +35,8 @@ pub struct Provenance {
     pub command: String,
     /// Version of the tool.
     pub version: &'static str,
+    /// The day on which it was made (2026-05-31); empty where nobody said it.
+    pub date: String,
     /// The model, the file of effects, then the recordings, each followed by its metadata.
     pub files: Vec<Source>,
 }
@@ -76,6 +79,7 @@ impl Provenance {
         Ok(Self {
             command,
             version: env!("CARGO_PKG_VERSION"),
+            date: today(),
             files,
         })
     }
@@ -128,6 +132,19 @@ fn hexadecimal(bytes: &[u8]) -> String {
         text += &format!("{byte:02x}");
     }
     text
+}
+
+/// This day (2026-05-31, UTC), or that of `SOURCE_DATE_EPOCH` (s), so that a page can be made again
+/// byte for byte.
+pub fn today() -> String {
+    let said = std::env::var("SOURCE_DATE_EPOCH")
+        .ok()
+        .and_then(|seconds| seconds.parse().ok());
+    let now = said.map_or_else(SystemTime::now, |seconds| {
+        SystemTime::UNIX_EPOCH + Duration::from_secs(seconds)
+    });
+    let moment = humantime::format_rfc3339_seconds(now).to_string();
+    moment.chars().take_while(|&it| it != 'T').collect()
 }
 
 /// The command line of this process, so that it can be typed again.

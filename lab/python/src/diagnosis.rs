@@ -25,7 +25,7 @@ use softrig_report::content::Content;
 use softrig_report::html::page;
 use softrig_report::pictures::figure;
 use softrig_report::plot::write_svg;
-use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, Provenance, Source};
+use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, Provenance, Source, today};
 use softrig_report::runs::runs;
 use softrig_report::terminal::{KEEP, summary};
 
@@ -516,6 +516,7 @@ impl Call<'_> {
         Ok(Provenance {
             command: self.text(),
             version: env!("CARGO_PKG_VERSION"),
+            date: today(),
             files,
         })
     }

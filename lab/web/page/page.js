@@ -438,7 +438,7 @@ async function diagnose() {
     $("bar").value = progress.share;
   };
   try {
-    const question = { ask: "diagnose", layout: layout(), holdout: [...heldOut], tolerance_deg: typed("tolerance", "tolerance"), seed: typed("seed", "seed") ?? 1 };
+    const question = { ask: "diagnose", layout: layout(), holdout: [...heldOut], tolerance_deg: typed("tolerance", "tolerance"), seed: typed("seed", "seed") ?? 1, date: new Date().toISOString().slice(0, 10) };
     result = await ask(question);
   } finally {
     hears = () => {};

@@ -95,6 +95,9 @@ pub enum Request {
         tolerance_deg: Option<f64>,
         /// Random seed.
         seed: u64,
+        /// This day (2026-05-31).
+        #[serde(default)]
+        date: String,
     },
     /// How far the board's own prediction is off, in recordings before and after an upload.
     Gap {
@@ -294,7 +297,14 @@ impl Desk {
                 holdout,
                 tolerance_deg,
                 seed,
-            } => self.diagnose(&layout.layout()?, &holdout, tolerance_deg, seed, job)?,
+                date,
+            } => self.diagnose(
+                &layout.layout()?,
+                &holdout,
+                tolerance_deg,
+                (seed, date),
+                job,
+            )?,
             Request::Gap { before, after } => self.gap(&before, &after)?,
             Request::Example { seed, effect } => example(seed, effect.as_deref())?,
         })
@@ -531,7 +541,7 @@ impl Desk {
         layout: &Layout,
         holdout: &[String],
         tolerance_deg: Option<f64>,
-        seed: u64,
+        (seed, date): (u64, String),
         job: &Job,
     ) -> Result<Value, InputError> {
         let clock = Instant::now();
@@ -560,7 +570,10 @@ impl Desk {
         let diagnosis = diagnose(&request, job)?;
         let seconds = clock.elapsed().as_secs_f64();
         let content = Content::of(&request, &diagnosis);
-        let provenance = self.provenance(layout, holdout, tolerance_deg, seed);
+        let provenance = Provenance {
+            date,
+            ..self.provenance(layout, holdout, tolerance_deg, seed)
+        };
         let defect = |error: &dyn std::fmt::Display| {
             InputError::new(error.to_string(), "report this as a defect of softrig")
         };
@@ -633,6 +646,7 @@ impl Desk {
         Provenance {
             command: format!("{command} --seed {seed} --report report.html"),
             version: env!("CARGO_PKG_VERSION"),
+            date: String::new(),
             files: files.collect(),
         }
     }

@@ -6,6 +6,7 @@
 mod errors;
 mod explained;
 mod keys;
+mod methods;
 mod open;
 mod parameters;
 mod rivals;
@@ -82,6 +83,8 @@ pub struct Content {
     pub changes: Vec<String>,
     /// Sentences about what these recordings leave open.
     pub open: Vec<String>,
+    /// What was done, as a paragraph for a paper.
+    pub methods: String,
 }
 
 impl Content {
@@ -89,15 +92,19 @@ impl Content {
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
         let repaired = !diagnosis.repaired.added.is_empty();
         let upload = diagnosis.upload(request.file);
+        let said = sentence(diagnosis);
+        let errors = errors::errors(diagnosis);
+        let tried = tried::tried(diagnosis);
         Self {
             answer: diagnosis.finding.answer(),
-            sentence: sentence(diagnosis),
+            methods: methods::methods(request, diagnosis, &said, (&errors, &tried)),
+            sentence: said,
             lede: sentences::lede(diagnosis),
             ended: diagnosis.ended.as_ref().map(Ended::sentence),
             keys: keys::keys(diagnosis),
             notices: errors::notices(diagnosis),
             left_out: diagnosis.not_used.iter().map(ToString::to_string).collect(),
-            errors: errors::errors(diagnosis),
+            errors,
             repaired,
             upload: upload == Upload::Worth,
             refused: match upload {
@@ -113,7 +120,7 @@ impl Content {
             undetermined: diagnosis.identifiability[0].text.clone(),
             gap: diagnosis.gap.sentences.clone(),
             steps: diagnosis.steps.iter().map(StepGap::clause).collect(),
-            tried: tried::tried(diagnosis),
+            tried,
             untried: tried::untried(diagnosis),
             next: rivals::next(request, diagnosis),
             next_suffices: rivals::next_suffices(diagnosis),
