@@ -1,4 +1,4 @@
-//! Set-up, demo, test, book, page, flash, bench, soak, fuzz, ci and dist.
+//! Set-up, demo, test, book, page, flash, bench, soak, fuzz, ci and release.
 //!
 //! Everything that takes more than one plain cargo command is a task here, in
 //! Rust on the standard library alone: it compiles in a second on a machine that
@@ -12,7 +12,6 @@ mod cast;
 mod changes;
 mod demo;
 mod deny;
-mod dist;
 mod flash;
 mod image;
 mod machines;
@@ -20,6 +19,7 @@ mod machines;
 #[path = "../../host-tools/tests/common/pages.rs"]
 mod pages;
 mod python;
+mod release;
 mod setup;
 mod shell;
 mod simulator;
@@ -116,12 +116,13 @@ Tasks:
                          that finds undefined behaviour; installs a nightly
   flash --port PORT [--no-console] [--dry-run]
                          put the image on a board and show what it says
-  dist [--target TRIPLE] [--with FILE] [--no-firmware] [--no-web] [--no-wheel]
-       [--dry-run]
+  release [--target TRIPLE] [--with FILE] [--no-firmware] [--no-web]
+       [--no-wheel] [--dry-run]
                          a release in target/dist: static `softrig`, the image,
                          completions, manual pages, licences and checksums in one archive,
                          tried where there is nothing else; beside it the wheel
-                         of the Python package, the page, and what --with names
+                         of the Python package, the page, the image, what --with names,
+                         and index.html, which says which of them one needs
 
 Examples:
   cargo xtask setup --dry-run
@@ -133,7 +134,7 @@ Examples:
   cargo xtask soak --hours 8 --seed 7
   cargo xtask fuzz --minutes 30
   cargo xtask flash --port /dev/ttyACM0
-  cargo xtask dist --dry-run
+  cargo xtask release --dry-run
 ";
 
 /// Exit code for a command line that makes no sense.
@@ -218,9 +219,9 @@ fn task<'a>(words: &'a [&'a str]) -> Result<Task<'a>, String> {
             let options = flash::Options::parse(words)?;
             Box::new(move || flash::flash(options))
         }
-        ["dist", words @ ..] => {
-            let options = dist::Options::parse(words)?;
-            Box::new(move || dist::dist(&options))
+        ["release", words @ ..] => {
+            let options = release::Options::parse(words)?;
+            Box::new(move || release::release(&options))
         }
         [task, ..]
             if ["book", "web", "wheel", "firmware", "size", "bench", "miri"].contains(task) =>

@@ -43,12 +43,13 @@ pub(super) fn methods(
             counted(structures, "structure")
         );
     }
-    text += &format!("The verdict: “{sentence}”");
+    text += "The verdict";
     if let Finding::Named { effects, .. } = &diagnosis.finding
         && let Some(least) = effects.iter().map(|it| it.probability).reduce(f64::min)
     {
-        text += &format!(" (probability {})", probability(least));
+        text += &format!(", with probability {}", probability(least));
     }
+    text += &format!(": “{sentence}”");
     text += " RMS errors of the angle";
     for (place, row) in errors.iter().enumerate() {
         let separator = if place == 0 { ": " } else { "; " };

@@ -53,6 +53,9 @@ const TEXTS: [&str; 5] = [
 /// Name of the list of checksums, in an archive and beside the archives.
 const CHECKSUMS: &str = "SHA256SUMS";
 
+/// The page that says which file is for what.
+const INDEX: &str = "index.html";
+
 /// Options of a release build.
 #[allow(clippy::struct_excessive_bools)] // each is a flag of its own
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -72,7 +75,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// Reads the words after `dist`.
+    /// Reads the words after `release`.
     ///
     /// # Errors
     ///
@@ -90,7 +93,7 @@ impl Options {
         while let Some(&word) = words.next() {
             let mut value = || {
                 let next = words.next().filter(|next| !next.starts_with('-'));
-                next.ok_or_else(|| format!("dist: {word} needs a value"))
+                next.ok_or_else(|| format!("release: {word} needs a value"))
             };
             match word {
                 "--dry-run" => options.dry_run = true,
@@ -102,13 +105,13 @@ impl Options {
                     let target = *value()?;
                     if !TARGETS.contains(&target) {
                         return Err(format!(
-                            "dist: {target:?} is no target of a static build; there are {}",
+                            "release: {target:?} is no target of a static build; there are {}",
                             TARGETS.join(", ")
                         ));
                     }
                     options.targets.push(target.into());
                 }
-                _ => return Err(format!("dist: there is no option {word}")),
+                _ => return Err(format!("release: there is no option {word}")),
             }
         }
         if options.targets.is_empty() {
@@ -119,7 +122,7 @@ impl Options {
 }
 
 /// Builds, packs and tries a release.
-pub fn dist(options: &Options) -> Outcome {
+pub fn release(options: &Options) -> Outcome {
     for program in ["tar", "gzip", "sha256sum"] {
         if !has_program(program) {
             return Err(format!("packing needs {program}, which is not on the path").into());
@@ -183,32 +186,60 @@ pub fn dist(options: &Options) -> Outcome {
     } else {
         steps.skip("the Python package", "--no-wheel was given");
     }
-    steps.step("checksums", || {
+    steps.step("which file is for what, and checksums", || {
         for file in &with {
             copy(file, &folder.join(file.file_name().unwrap_or_default()))?;
         }
+        if let Some(image) = &image {
+            copy(&avr::hex(image), &folder.join(format!("{IMAGE}.hex")))?;
+        }
+        write(&folder.join(INDEX), &index(&files(&folder, &folder)?))?;
         checksums(&folder)?;
         print!("{}", text_of(&folder.join(CHECKSUMS))?);
         Ok(())
     })?;
-    steps.finish("cargo xtask dist");
-    println!("archives: {}", folder.display());
+    steps.finish("cargo xtask release");
+    println!("what to take for what: {}", folder.join(INDEX).display());
     Ok(())
+}
+
+/// The page that says which file of a release is for what.
+fn index(files: &[PathBuf]) -> String {
+    let mut files = files.to_vec();
+    files.sort();
+    let rows = files.iter().filter_map(|file| {
+        let name = file.to_str()?;
+        let wish = match file.extension()?.to_str()? {
+            "html" => "Flash a board, record and diagnose, with a browser and nothing else: open it with a double click (a board takes Chromium, Chrome or Edge)",
+            "gz" if name.contains("aarch64") => "Use the command on Linux, 64-bit ARM: unpack it and run <code>softrig</code>",
+            "gz" => "Use the command on Linux, 64-bit Intel or AMD: unpack it and run <code>softrig</code>; the image is in it",
+            "whl" => "Use it from Python: <code>pip install</code> this file",
+            "hex" => "Flash the board with a tool of your own; page and archive have it already",
+            _ => return None,
+        };
+        Some(format!(
+            "<tr><td>{wish}</td><td><a href=\"{name}\"><code>{name}</code></a></td></tr>"
+        ))
+    });
+    include_str!("index.html")
+        .replace("{{version}}", env!("CARGO_PKG_VERSION"))
+        .replace("{{rows}}", &rows.collect::<Vec<_>>().join("\n"))
+        .replace("{{checksums}}", CHECKSUMS)
 }
 
 /// Says what would be done.
 fn plan(options: &Options) -> Outcome {
     for target in &options.targets {
         if !has_library(target)? {
-            println!("dist: would run rustup target add {target}");
+            println!("release: would run rustup target add {target}");
         }
         let compiler = c_compiler(target);
         if !has_program(&compiler) {
-            println!("dist: would look for {compiler} in Debian's package musl-tools");
+            println!("release: would look for {compiler} in Debian's package musl-tools");
         }
-        println!("dist: would run {}", shell::text(&build_command(target)));
+        println!("release: would run {}", shell::text(&build_command(target)));
         println!(
-            "dist: would pack target/dist/softrig-{}-{target}.tar.gz: rig, {}, completions for {}, manual pages{}, licences, {CHECKSUMS}",
+            "release: would pack target/dist/softrig-{}-{target}.tar.gz: softrig, {}, completions for {}, manual pages{}, licences, {CHECKSUMS}",
             env!("CARGO_PKG_VERSION"),
             TEXTS.join(", "),
             COMPLETIONS.map(|(shell, _)| shell).join(", "),
@@ -219,7 +250,7 @@ fn plan(options: &Options) -> Outcome {
             }
         );
         println!(
-            "dist: {}",
+            "release: {}",
             if runs_here(target) {
                 format!("would try it {}", trial::Place::here().words())
             } else {
@@ -228,15 +259,15 @@ fn plan(options: &Options) -> Outcome {
         );
     }
     if options.web {
-        println!("dist: would build the page for a browser, as cargo xtask web does");
+        println!("release: would build the page for a browser, as cargo xtask web does");
     }
     if options.wheel {
-        println!("dist: would build the wheel of the Python package, as cargo xtask wheel does");
+        println!("release: would build the wheel of the Python package, as cargo xtask wheel does");
     }
     for file in &options.with {
-        println!("dist: would put {} beside it", file.display());
+        println!("release: would put {} beside it", file.display());
     }
-    println!("dist: dry run, nothing was changed");
+    println!("release: dry run, nothing was changed");
     Ok(())
 }
 
@@ -489,6 +520,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn each_file_that_somebody_takes_has_a_row_and_the_others_have_none() {
+        let names = [
+            "softrig.html",
+            "softrig-mega2560.hex",
+            "softrig-0.1.0-x86_64-unknown-linux-musl.tar.gz",
+            "softrig-0.1.0-cp310-abi3-linux_x86_64.whl",
+        ];
+        let others = ["SHA256SUMS", "softrig.html.licences.txt"];
+        let all: Vec<PathBuf> = names.iter().chain(&others).map(PathBuf::from).collect();
+        let page = index(&all);
+        for name in names {
+            assert_eq!(
+                page.matches(&format!("href=\"{name}\"")).count(),
+                1,
+                "{name}"
+            );
+        }
+        assert_eq!(page.matches("<tr><td>").count(), names.len());
+        assert!(!page.contains("{{"));
+    }
+
+    #[test]
     fn options_are_read_or_refused() {
         let options = Options::parse(&[]).unwrap();
         assert_eq!(options.targets, [DEFAULT_TARGET]);
@@ -513,7 +566,7 @@ mod tests {
             &["--target", "x86_64-unknown-linux-gnu"],
             &["--fast"],
         ] {
-            assert!(Options::parse(wrong).unwrap_err().starts_with("dist: "));
+            assert!(Options::parse(wrong).unwrap_err().starts_with("release: "));
         }
     }
 
