@@ -326,7 +326,7 @@ function show(found) {
     : named ? "Found by the names in the header. Check the pictures above: a name is no proof. Correct here what is wrong."
       : "The header says what is where. If a column holds something else, say so.";
   save($("save-layout"), "schema = 1\n" + found.section, "application/toml");
-  model(found.model, good.length);
+  model(found.model);
   verdict();
   return gap();
 }
@@ -380,10 +380,9 @@ function run(it) {
   return figure;
 }
 
-function model(about, recordings) {
+function model(about) {
   $("has-model").hidden = !about;
   $("no-model").hidden = Boolean(about);
-  $("first").disabled = $("first-both").disabled = recordings === 0;
   if (!about) $("model-text").textContent = "";
   if (!about) return;
   $("model-name").replaceChildren(made("b", { textContent: about.name }), about.title ? `: ${about.title}` : "");
@@ -399,6 +398,10 @@ function model(about, recordings) {
 // ---- A first model.
 
 async function first(recordings, withBeam) {
+  if (recordings && ![...files.keys()].some((name) => !/\.toml$/.test(name))) {
+    $("drop").scrollIntoView({ block: "center" });
+    throw new Fault({ text: "There is no recording yet: drop two at least, or take material and dimensions alone." });
+  }
   const all = withBeam ? ["length", "width", "height"].map((id) => typed(id, id)) : [null, null, null];
   const some = all.filter((it) => it !== null).length;
   if (some > 0 && some < 3) throw new Fault({ text: "A beam has a length, a width and a height: give all three, or none." });
