@@ -8,7 +8,6 @@ pub mod catalogue;
 pub mod commands;
 pub mod diagnosis;
 pub mod invariance;
-pub mod laws;
 pub mod many;
 pub mod pages;
 pub mod pictures;

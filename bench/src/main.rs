@@ -13,7 +13,7 @@ use softrig_bench::invariance::ways::Way;
 use softrig_bench::invariance::{calibration, known, run as invariance};
 use softrig_bench::rig_loop::{bench as rig_loop, decide};
 use softrig_bench::{
-    blind, catalogue, commands, diagnosis, laws, many, pages, pictures, real, search, simulate,
+    blind, catalogue, commands, diagnosis, many, pages, pictures, real, search, simulate,
 };
 use softrig_tests::{process::root, write};
 
@@ -58,7 +58,6 @@ enum Benchmark {
     /// The same question, with recordings that cables, sensors and loggers made dirty
     Dirt(invariance::Options),
     Invariance(invariance::Options),
-    Laws(laws::Options),
     Loop(rig_loop::Options),
     /// Diagnoses more and more recordings of 10 s and times each diagnosis
     Many(Asked),
@@ -110,7 +109,6 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
         Benchmark::Diagnosis(asked) => diagnosis::measure(asked, &target.join("bench/example")),
         Benchmark::Dirt(options) => options.measure(target, "dirt", &Way::DIRTY),
         Benchmark::Invariance(options) => options.measure(target, "invariance", &Way::OTHERS),
-        Benchmark::Laws(options) => options.measure(target),
         Benchmark::Loop(options) => options.measure(&target.join("loop")),
         Benchmark::Many(asked) => many::measure(asked, &target.join("bench/many")),
         Benchmark::Real(options) => options.measure(&target.join("real"), args.docs),
@@ -158,6 +156,7 @@ mod tests {
             format!("{REAL} --only pendulum,silverbox --softrig b/rig"),
             format!("{LOOP} --docs --seeds 1..3 --jobs 2"),
             "blind --fast --target target".into(),
+            "blind --set laws,paper --cases 3 --docs".into(),
             "search --sets example,bench --only gravity,leak --seeds 1..2 --docs".into(),
             "pages target/bench/loop.json --docs".into(),
         ] {
@@ -173,6 +172,7 @@ mod tests {
             format!("{LOOP} --jobs 0 --seeds 1"),
             format!("{LOOP} --seeds 1 --job 1"),
             "blind --fast --docs".into(),
+            "blind --set rigs".into(),
             "search --only none".into(),
         ] {
             assert!(parse(&line).is_err(), "{line}");

@@ -21,8 +21,8 @@ macro_rules! template {
     };
 }
 
-const PAGES: [Page; 14] = [
-    ("blind", &["blind.md"], template!("blind.md")),
+const PAGES: [Page; 13] = [
+    ("blind", &["blind.md", "formulas.md"], template!("blind.md")),
     (
         "calibration",
         &["diagnosis.md"],
@@ -39,7 +39,6 @@ const PAGES: [Page; 14] = [
     ("diagnosis", &[], template!("diagnosis.md")),
     ("dirt", &[], template!("invariance.md")),
     ("invariance", &[], template!("invariance.md")),
-    ("laws", &["formulas.md"], template!("laws.md")),
     ("loop", &["loop.md"], template!("loop.md")),
     ("many", &[], template!("many.md")),
     ("real", &["real.md"], template!("real.md")),

@@ -20,7 +20,7 @@ pub fn of(figures: &Value) -> Result<Vec<(String, String)>, String> {
     match name_of(figures)? {
         "blind" => {
             let sets = list::<Value>(figures, "sets")?.into_iter();
-            sets.filter(|set| set["name"] != "bench")
+            sets.filter(|set| set["name"] != "bench" && set["name"] != "laws")
                 .map(|set| {
                     let name = format!("blind_{}.svg", set["name"].as_str().unwrap_or_default());
                     let svg = fill(&name, include_str!("../pages/blind.svg"), &set)?;

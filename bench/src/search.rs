@@ -81,7 +81,7 @@ struct Set(Option<Collection>);
 
 impl Set {
     fn all() -> impl Iterator<Item = Self> {
-        let drawn = Collection::ALL.into_iter().map(Some);
+        let drawn = Collection::WORLDS.into_iter().map(Some);
         [None].into_iter().chain(drawn).map(Self)
     }
 

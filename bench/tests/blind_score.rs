@@ -7,9 +7,10 @@ use softrig_bench::blind::answer::{Answer, Collection};
 use softrig_bench::blind::cases::{self, Plan, make};
 use softrig_bench::blind::counts::{Group, Rate};
 use softrig_bench::blind::experiments::Set;
-use softrig_bench::blind::gate::Gate;
-use softrig_bench::blind::grade::Strength;
+use softrig_bench::blind::gate::{Gate, Laws};
+use softrig_bench::blind::grade::{Grade, Strength};
 use softrig_bench::blind::hidden::Hidden;
+use softrig_bench::blind::laws::{self, Class};
 use softrig_bench::blind::score::{Errors, Scored};
 use softrig_bench::blind::tables;
 use softrig_bench::blind::verdicts::Outcome;
@@ -69,6 +70,41 @@ fn five() -> Vec<Scored> {
     ]
 }
 
+/// Those five, a law that is named, one for which another formula is, and an actuator without one.
+fn eight() -> Vec<Scored> {
+    let folder = tempfile::tempdir().unwrap();
+    let answer = laws::write(8, folder.path()).unwrap();
+    let of = |class, hidden, verdict: Value, grade| {
+        let mut answer = answer.clone();
+        (answer.class, answer.secret.hidden) = (class, hidden);
+        let outcome = Outcome {
+            verdict: Some(verdict),
+            ..Outcome::default()
+        };
+        Scored {
+            grade,
+            ..Scored::of(&Answer::Law(answer), &outcome)
+        }
+    };
+    let term = |kind: &str| {
+        json!({ "verdict": "effect_found", "effects": [{ "kind": kind, "formula": "p^2" }],
+                "rmse_deg": { "refit": 2.92, "repaired": 0.213 } })
+    };
+    let wrong = Grade::Wrong(Strength::Full);
+    let mut cases = five();
+    cases.extend([
+        of(Class::Within, Hidden::Outside, term("term_a"), Grade::Exact),
+        of(Class::Beyond, Hidden::Outside, term("term_b"), wrong),
+        of(
+            Class::Nothing,
+            Hidden::Parameters,
+            word("parameters_only"),
+            Grade::Denied,
+        ),
+    ]);
+    cases
+}
+
 #[test]
 fn figures_count_what_they_say() {
     let five = five();
@@ -99,9 +135,17 @@ fn the_gate_names_what_got_worse() {
         false_names_at_most: 0,
         outside_names_at_most: 1,
         held_out_at_most: 1.2,
+        laws: Laws {
+            cases: 3,
+            seed: 1,
+            named_at_least: 1,
+            wrong_formulas_at_most: 1,
+            false_names_at_most: 0,
+        },
     };
-    assert_eq!(gate.check(&five()), Vec::<String>::new());
-    let failing = |gate: Gate| gate.check(&five()).join("\n");
+    let cases = eight();
+    assert_eq!(gate.check(&cases), Vec::<String>::new());
+    let failing = |gate: Gate| gate.check(&cases).join("\n");
     for (worse, message) in [
         (
             Gate {
@@ -131,6 +175,26 @@ fn the_gate_names_what_got_worse() {
             },
             "held-out error over the oracle's: 1.100",
         ),
+        (
+            Gate {
+                laws: Laws {
+                    named_at_least: 2,
+                    ..gate.laws
+                },
+                ..gate.clone()
+            },
+            "laws of the grammar named: 1 of 1",
+        ),
+        (
+            Gate {
+                laws: Laws {
+                    wrong_formulas_at_most: 0,
+                    ..gate.laws
+                },
+                ..gate.clone()
+            },
+            "formulas that are not the law: 1 of 3",
+        ),
     ] {
         let found = failing(worse);
         assert!(
@@ -138,17 +202,19 @@ fn the_gate_names_what_got_worse() {
             "{found}"
         );
     }
-    let mut free = five();
+    let mut free = eight();
     free[3] = scored(&answer(), Hidden::Nothing, named("leak"), 1.0);
     assert!(gate.check(&free)[0].contains("names on data without an effect: 1 of 1"));
-    assert_eq!(gate.check(&[]), ["no case was diagnosed"]);
+    for some in [&cases[..5], &cases[5..]] {
+        assert_eq!(gate.check(some), ["no case was diagnosed"]);
+    }
     // The committed limits can be read.
     assert!(Gate::committed().unwrap().cases > 0);
 }
 
 #[test]
 fn pages_and_pictures_show_every_answer() {
-    let cases = five();
+    let cases = eight();
     let mut figures = tables::figures(&cases);
     figures["command"] = "cargo xtask bench blind".into();
     figures["tool"] = "0000".into();
@@ -158,6 +224,11 @@ fn pages_and_pictures_show_every_answer() {
         "{page}"
     );
     assert!(page.contains("exponent_shift 1"));
+    assert!(
+        page.contains("| a law that the grammar has: it is named, or one that pushes alike | ≥ 75 % | 100 % (21–100), 1 of 1 |"),
+        "{page}"
+    );
+    assert!(page.contains("| laws_008 | `p^2` | term_a | 2.92 | 0.213 | 0.2"));
     assert_eq!(figures["cases"].as_array().unwrap().len(), cases.len());
     let (name, picture) = pictures::of(&figures).unwrap().remove(0);
     assert_eq!(name, "blind_rich.svg");

@@ -22,7 +22,7 @@ const PYTHON_PACKAGES: [&str; 3] = ["numpy", "scipy", "numba"];
 const PROGRAM: &str = "softrig-bench";
 
 /// Its benchmarks, and `catalogue` and `pages`, which write pages from the code and from figures of earlier runs.
-const NAMES: [&str; 14] = [
+const NAMES: [&str; 13] = [
     "blind",
     "calibration",
     "catalogue",
@@ -31,7 +31,6 @@ const NAMES: [&str; 14] = [
     "diagnosis",
     "dirt",
     "invariance",
-    "laws",
     "loop",
     "many",
     "pages",
@@ -93,7 +92,7 @@ pub fn is_known(name: &str) -> bool {
 /// Builds the program and starts a benchmark with these options; `--softrig` takes another `softrig` than the
 /// one of this source.
 pub fn start(name: &str, options: &[&str]) -> Outcome {
-    let asks = !["blind", "catalogue", "laws", "pages", "search"].contains(&name);
+    let asks = !["blind", "catalogue", "pages", "search"].contains(&name);
     let plays = ["decide", "loop"].contains(&name);
     let mut build = release_build();
     build.args(["-q", "-p", PROGRAM]);

@@ -73,8 +73,9 @@ Tasks:
                          how long each subcommand of `softrig` takes on recordings of
                          an example; --docs writes it into docs/benchmarks.md
   bench blind [--fast | OPTIONS]
-                         effects hidden in recordings of another simulator;
-                         --set bench: in whole sessions, as on a bench
+                         what is missing, hidden in recordings of another simulator;
+                         --set bench: in whole sessions, as on a bench;
+                         --set laws: forces that no catalogue has
   bench loop --seeds A..B [--jobs N] [--docs]
                          the demo's loop for many actuators, drawn from seeds A
                          to B (both included) or a list 1,5,9; --jobs at a time
@@ -98,9 +99,6 @@ Tasks:
   bench search [--seeds A..B] [--sets SET,…] [--only KIND,…] [--minutes M] [--docs]
                          does the search find the fit that there is? Beside fits
                          that start at drawn truths; --docs writes docs/search.md
-  bench laws [--seeds A..B] [--noise-deg N] [--docs]
-                         forces that no catalogue has: are they said as formulas?
-                         --docs writes docs/formulas.md
   bench catalogue --docs the tables of effects and constants in docs/, from
                          the code
   bench pages FILE [--docs]

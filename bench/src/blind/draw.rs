@@ -9,8 +9,8 @@ use softrig_formats::error::InputError;
 
 use super::answer::{Answer, Plans};
 use super::bench::cases as sessions;
-use super::cases;
 use super::verdicts::remaining;
+use super::{cases, laws};
 
 /// Draws the cases that are not there yet, in parallel, writes them into `folder`
 /// and hands each answer to `keep`.
@@ -47,6 +47,7 @@ pub fn draw(
                 made.write(&folder)?;
                 Answer::Session(made.answer)
             }
+            Plans::Laws(seeds) => Answer::Law(laws::write(seeds[number], &folder)?),
         };
         keep(&answer)?;
         let drawn = drawn.fetch_add(1, Ordering::Relaxed) + 1;

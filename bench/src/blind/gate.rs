@@ -8,7 +8,24 @@ use super::counts::{Group, Rate};
 use super::experiments::Set;
 use super::grade::Strength;
 use super::hidden::Hidden;
+use super::laws::Class;
 use super::score::Scored;
+
+/// Limits of the laws.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Laws {
+    /// Laws, and actuators without one.
+    pub cases: u32,
+    /// The first of their seeds.
+    pub seed: u64,
+    /// Least number of laws that the grammar has which are named.
+    pub named_at_least: u32,
+    /// Most formulas that are not the law, at full strength.
+    pub wrong_formulas_at_most: u32,
+    /// Most names on actuators without a law.
+    pub false_names_at_most: u32,
+}
 
 /// Limits, from `bench/blind_gate.toml`.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -30,6 +47,8 @@ pub struct Gate {
     pub outside_names_at_most: u32,
     /// Largest median of the held-out error over the oracle's.
     pub held_out_at_most: f64,
+    /// Limits of the laws.
+    pub laws: Laws,
 }
 
 impl Gate {
@@ -47,64 +66,106 @@ impl Gate {
         })
     }
 
+    /// How many cases of a set there are, and their seed.
+    pub const fn drawn(&self, set: Collection) -> (u32, u64) {
+        match set {
+            Collection::Laws => (self.laws.cases, self.laws.seed),
+            _ => (self.cases, self.seed),
+        }
+    }
+
     /// What has become worse than the limits allow, a sentence each.
     pub fn check(&self, scored: &[Scored]) -> Vec<String> {
-        let cases = Group::of(Collection::Runs(Set::Rich), scored);
-        if cases.is_empty() {
+        let runs = Group::of(Collection::Runs(Set::Rich), scored);
+        let laws = Group::of(Collection::Laws, scored);
+        if runs.is_empty() || laws.is_empty() {
             return vec!["no case was diagnosed".to_owned()];
         }
+        let mut missed = Missed::default();
+        self.check_runs(&runs, &mut missed);
+        self.laws.check(&laws, &mut missed);
+        missed.0
+    }
+
+    fn check_runs(&self, cases: &Group<'_>, missed: &mut Missed) {
         let one = cases.hiding(&[Hidden::One]);
-        let quiet = cases.quiet();
         let outside = cases.hiding(&[Hidden::Outside]);
-        let mut failures = Vec::new();
-        let mut at_least = |what: &str, rate: Rate, limit: u32| {
-            if rate.hits < limit {
-                failures.push(format!(
-                    "{what}: {} of {}, and {limit} is the least",
-                    rate.hits, rate.of
-                ));
-            }
-        };
-        at_least(
+        missed.at_least(
             "single effects named",
             one.rate(Scored::is_lenient),
             self.named_at_least,
         );
-        at_least(
+        missed.at_least(
             "answer sets that hold the truth",
             one.rate(Scored::holds),
             self.in_answer_set_at_least,
         );
-        let mut at_most = |what: &str, rate: Rate, limit: u32| {
-            if rate.hits > limit {
-                failures.push(format!(
-                    "{what}: {} of {}, and {limit} is the most",
-                    rate.hits, rate.of
-                ));
-            }
-        };
-        at_most(
+        missed.at_most(
             "wrong names for a single effect",
             one.rate(Scored::names_else),
             self.wrong_at_most,
         );
-        at_most(
+        missed.at_most(
             "names on data without an effect",
-            quiet.rate(Scored::names),
+            cases.quiet().rate(Scored::names),
             self.false_names_at_most,
         );
-        at_most(
+        missed.at_most(
             "names on effects outside the catalogue",
             outside.rate(|case| case.is_wrong(Strength::Full)),
             self.outside_names_at_most,
         );
         match one.median(Scored::over_oracle) {
-            Some(ratio) if ratio > self.held_out_at_most => failures.push(format!(
+            Some(ratio) if ratio > self.held_out_at_most => missed.0.push(format!(
                 "held-out error over the oracle's: {ratio:.3}, and {} is the most",
                 self.held_out_at_most
             )),
             _ => {}
         }
-        failures
+    }
+}
+
+impl Laws {
+    fn check(&self, cases: &Group<'_>, missed: &mut Missed) {
+        let within = cases.that(|case| {
+            case.answer
+                .law()
+                .is_some_and(|it| it.class == Class::Within)
+        });
+        missed.at_least(
+            "laws of the grammar named",
+            within.rate(Scored::is_exact),
+            self.named_at_least,
+        );
+        missed.at_most(
+            "formulas that are not the law",
+            cases.rate(Scored::is_wrong_formula),
+            self.wrong_formulas_at_most,
+        );
+        missed.at_most(
+            "names on actuators without a law",
+            cases.quiet().rate(Scored::names),
+            self.false_names_at_most,
+        );
+    }
+}
+
+/// Limits that were missed, a sentence each.
+#[derive(Default)]
+struct Missed(Vec<String>);
+
+impl Missed {
+    fn at_least(&mut self, what: &str, Rate { hits, of }: Rate, limit: u32) {
+        if hits < limit {
+            self.0
+                .push(format!("{what}: {hits} of {of}, and {limit} is the least"));
+        }
+    }
+
+    fn at_most(&mut self, what: &str, Rate { hits, of }: Rate, limit: u32) {
+        if hits > limit {
+            self.0
+                .push(format!("{what}: {hits} of {of}, and {limit} is the most"));
+        }
     }
 }

@@ -6,14 +6,15 @@
 //! answers into files beside; [`verdicts`] diagnoses the folders and writes
 //! what it found; [`score`] opens the answers. The physics is [`law`] and [`world`],
 //! which share no code with the crates under test. There are two generations of
-//! cases, runs from rest ([`cases`]) and whole sessions ([`mod@bench`]); what is
-//! hidden, how it is counted and how it is shown is the same for both.
+//! cases, runs from rest ([`cases`]) and whole sessions ([`mod@bench`]), and forces that no
+//! catalogue has ([`laws`]); how what is hidden is counted and shown is the same for all.
 
 pub mod answer;
 pub mod counts;
 pub mod draw;
 pub mod gate;
 pub mod grade;
+pub mod laws;
 pub mod run;
 pub mod said;
 pub mod score;

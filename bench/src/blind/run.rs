@@ -2,33 +2,31 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::Value;
 use softrig_formats::error::{InputError, write_atomically};
 
-use super::GENERATOR;
 use super::answer::{Answer, Collection, Plans};
-use super::cases::stable_hash;
 use super::draw::draw;
-use super::experiments::Set;
 use super::gate::Gate;
 use super::law::kinds;
-use super::score::score;
+use super::score::{Scored, score};
 use super::tables;
 use super::verdicts::{diagnose_all, tool_hash};
 
 /// How often does the diagnosis name what is missing?
 ///
-/// Draws truths with a simulator of its own, hides the answers, diagnoses, and
-/// counts. Interrupting loses nothing: the same command goes on.
+/// Draws truths, hides the answers, diagnoses, and counts. Interrupting loses
+/// nothing: the same command goes on.
 #[derive(Args, Debug)]
 pub struct Options {
     /// Cases in each set
     #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
     cases: u32,
-    /// Which experiments
-    #[arg(long, value_enum, default_value_t = Which::Rich)]
-    set: Which,
+    /// Which sets: rich, paper, bench (whole sessions), laws (forces that no catalogue has)
+    #[arg(long = "set", value_name = "SET,…", value_delimiter = ',', value_parser = Collection::named)]
+    #[arg(default_value = "rich,laws")]
+    sets: Vec<Collection>,
     /// Seed of truths, experiments and noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -39,37 +37,16 @@ pub struct Options {
     #[arg(long, default_value_t = 1)]
     jobs: usize,
     /// A few cases, held against bench/blind_gate.toml
-    #[arg(long, conflicts_with_all = ["cases", "set", "seed", "kinds", "docs"])]
+    #[arg(long, conflicts_with_all = ["cases", "sets", "seed", "kinds", "docs"])]
     fast: bool,
     /// Where cases, answers and verdicts go [default: blind in the folder that cargo builds into]
     #[arg(long)]
     folder: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Which {
-    Rich,
-    Paper,
-    /// Rich and paper
-    Both,
-    /// Whole sessions, as on a bench
-    Bench,
-}
-
-impl Which {
-    const fn collections(self) -> &'static [Collection] {
-        match self {
-            Self::Rich => &[Collection::Runs(Set::Rich)],
-            Self::Paper => &[Collection::Runs(Set::Paper)],
-            Self::Both => &[Collection::Runs(Set::Rich), Collection::Runs(Set::Paper)],
-            Self::Bench => &[Collection::Bench],
-        }
-    }
-}
-
-/// The cases of a run of this program, in a folder.
+/// The cases of a set, in a folder.
 struct Bench {
-    plans: Vec<Plans>,
+    plans: Plans,
     seed: u64,
     folder: PathBuf,
 }
@@ -95,28 +72,19 @@ impl Options {
                 ));
             }
         }
-        let (cases, seed) = gate
-            .as_ref()
-            .map_or((self.cases, self.seed), |gate| (gate.cases, gate.seed));
-        let plans = self.set.collections().iter();
-        let bench = Bench {
-            plans: plans
-                .map(|&set| Plans::of(set, cases, &self.kinds, seed))
-                .collect(),
-            seed,
-            folder: folder.join(folder_name(self, cases, seed)),
-        };
         let tool = tool_hash();
-        let verdicts = bench.folder.join(format!("verdicts_{tool}"));
-        eprintln!("blind: {}", bench.folder.display());
-
-        bench.draw()?;
-        let names: Vec<String> = bench.plans.iter().flat_map(Plans::names).collect();
-        diagnose_all(&bench.folder.join("cases"), &verdicts, &names, self.jobs)?;
-
-        let answers = bench.answers(&names)?;
-        eprintln!("scoring; the first time, refits of an oracle take a second or two a case");
-        let scored = score(&answers, &verdicts, &bench.sealed());
+        let mut scored = Vec::new();
+        for &set in &self.sets {
+            let (cases, seed) = gate
+                .as_ref()
+                .map_or((self.cases, self.seed), |gate| gate.drawn(set));
+            let bench = Bench {
+                plans: Plans::of(set, cases, &self.kinds, seed),
+                seed,
+                folder: folder.join(set.folder(cases, &self.kinds, seed)),
+            };
+            scored.extend(bench.scored(&tool, self.jobs)?);
+        }
         let mut figures = tables::figures(&scored);
         figures["command"] = format!("cargo xtask bench blind {}", arguments(self)).into();
         figures["tool"] = tool.into();
@@ -126,33 +94,11 @@ impl Options {
     }
 }
 
-fn write(path: &Path, text: &str) -> Result<(), InputError> {
-    write_atomically(path, text.as_bytes())
-}
-
-/// Cases of another generator are other cases, and runs are others where there are
-/// more of them; sessions of a seed share a folder.
-fn folder_name(args: &Options, cases: u32, seed: u64) -> String {
-    let mut name = match args.set {
-        Which::Bench => format!("bench_seed{seed}"),
-        _ => format!("seed{seed}_{cases}"),
-    };
-    for kind in &args.kinds {
-        name += &format!("_{kind}");
-    }
-    let hash = stable_hash(GENERATOR.as_bytes()) >> 32;
-    format!("{name}_{hash:08x}")
-}
-
 /// The options as they would be typed, without those that change no figure.
 fn arguments(args: &Options) -> String {
-    let set = match args.set {
-        Which::Rich => "rich",
-        Which::Paper => "paper",
-        Which::Both => "both",
-        Which::Bench => "bench",
-    };
-    let mut text = format!("--set {set} --cases {} --seed {}", args.cases, args.seed);
+    let sets: Vec<&str> = args.sets.iter().map(|set| set.name()).collect();
+    let (sets, cases, seed) = (sets.join(","), args.cases, args.seed);
+    let mut text = format!("--set {sets} --cases {cases} --seed {seed}");
     if !args.kinds.is_empty() {
         text += &format!(" --kinds {}", args.kinds.join(","));
     }
@@ -160,6 +106,18 @@ fn arguments(args: &Options) -> String {
 }
 
 impl Bench {
+    /// The three phases.
+    fn scored(&self, tool: &str, jobs: usize) -> Result<Vec<Scored>, InputError> {
+        let verdicts = self.folder.join(format!("verdicts_{tool}"));
+        eprintln!("blind: {}", self.folder.display());
+        self.draw()?;
+        let names = self.plans.names();
+        diagnose_all(&self.folder.join("cases"), &verdicts, &names, jobs)?;
+        let answers = self.answers(&names)?;
+        eprintln!("scoring; the first time, refits of an oracle take a second or two a case");
+        Ok(score(&answers, &verdicts, &self.sealed()))
+    }
+
     fn sealed(&self) -> PathBuf {
         self.folder.join("sealed")
     }
@@ -174,15 +132,12 @@ impl Bench {
         std::fs::create_dir_all(&sealed).map_err(|error| InputError::from_io(&sealed, &error))?;
         let cases = self.folder.join("cases");
         let is_there = |case: &str| self.answer_path(case).exists();
-        for plans in &self.plans {
-            draw(plans, self.seed, &cases, is_there, |answer| {
-                let text = serde_json::to_string_pretty(answer).map_err(|error| {
-                    InputError::new(format!("the answer cannot be written: {error}"), "")
-                })?;
-                write(&self.answer_path(&answer.secret().case), &text)
+        draw(&self.plans, self.seed, &cases, is_there, |answer| {
+            let text = serde_json::to_string_pretty(answer).map_err(|error| {
+                InputError::new(format!("the answer cannot be written: {error}"), "")
             })?;
-        }
-        Ok(())
+            write_atomically(&self.answer_path(&answer.secret().case), text.as_bytes())
+        })
     }
 
     /// Opens the answers. Only now: every verdict is written.

@@ -36,6 +36,10 @@ pub struct Said {
     pub family: Option<String>,
     /// What a repair without a name is a function of.
     pub repair: Option<String>,
+    /// Whether a formula beyond the catalogue is among what is named.
+    pub is_formula: bool,
+    /// RMSE (°) on the fitted recordings, of the refit and of the repaired model.
+    pub fitted: Option<[f64; 2]>,
     /// Held-out RMSE of the repaired model over the refit's.
     pub held_out: Option<f64>,
 }
@@ -73,11 +77,18 @@ impl Said {
             }
         }
         let error = |which: &str| verdict["holdout_rmse_deg"][which].as_f64();
+        let fitted = |which: &str| verdict["rmse_deg"][which].as_f64();
         let of = verdict["repair"]["of"].as_array().map(|list| {
             let words: Vec<&str> = list.iter().filter_map(|word| word.as_str()).collect();
             words.join(", ")
         });
         Self {
+            is_formula: list(&verdict["effects"])
+                .iter()
+                .any(|it| it["formula"].is_string()),
+            fitted: fitted("refit")
+                .zip(fitted("repaired"))
+                .map(<[f64; 2]>::from),
             in_part: verdict["strength"] == "part",
             family: verdict["family"].as_str().map(str::to_owned),
             repair: of.or_else(|| verdict["repair"]["kind"].as_str().map(str::to_owned)),

@@ -87,8 +87,12 @@ impl Scored {
     /// What was said of a case, without a comparison on fresh runs.
     pub fn of(answer: &Answer, outcome: &Outcome) -> Self {
         let said = Said::of(outcome);
+        let grade = match answer {
+            Answer::Law(law) => law.grade(outcome, &said),
+            Answer::Runs(_) | Answer::Session(_) => Grade::of(&answer.secret().kinds, &said),
+        };
         Self {
-            grade: Grade::of(&answer.secret().kinds, &said),
+            grade,
             tool: None,
             oracle: None,
             estimates: Vec::new(),
@@ -151,6 +155,22 @@ impl Scored {
     /// Another family is named, or anything where nothing has a name, so strongly.
     pub fn is_wrong(&self, strength: Strength) -> bool {
         self.grade == Grade::Wrong(strength)
+    }
+
+    /// The law is named or in the set, or one that pushes alike.
+    pub fn has_the_law(&self) -> bool {
+        matches!(self.grade, Grade::Exact | Grade::Set)
+    }
+
+    /// A formula that is not the law is named as strongly as an effect.
+    pub fn is_wrong_formula(&self) -> bool {
+        self.is_wrong(Strength::Full) && self.said.is_formula
+    }
+
+    /// What the repaired model leaves, over what a fit of the hidden law leaves.
+    pub fn over_law(&self) -> Option<f64> {
+        let law = self.answer.law()?;
+        Some(self.said.fitted?[1] / law.law_rmse_deg)
     }
 
     /// Error on fresh runs over the oracle's, against what a noisy sensor shows.

@@ -11,7 +11,11 @@ use super::experiments::Set;
 use super::grade::{Grade, Strength};
 use super::hidden::Hidden;
 use super::law::{Law, kinds};
+use super::laws::Class;
 use super::score::{Estimate, Scored};
+
+/// A law is found as it is if the model leaves at most this multiple of what the law itself leaves.
+const AS_GOOD: f64 = 1.2;
 
 /// A number with so many digits behind the point.
 fn number(value: Option<f64>, digits: usize) -> Value {
@@ -37,13 +41,17 @@ fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Value> {
             rows_of_bench(cases, &mut |label, figure| row(label, "", figure));
             ""
         }
+        Collection::Laws => {
+            rows_of_laws(cases, &mut row);
+            ""
+        }
     };
     let seconds = |case: &Scored| Some(case.seconds);
     let median = number(cases.median(seconds), 1);
     row("wall time a case, median (s)", most, median);
     let worst = number(cases.worst(seconds), 1);
     row("wall time a case, worst (s)", "", worst);
-    if collection == Collection::Bench {
+    if matches!(collection, Collection::Bench | Collection::Laws) {
         let median = number(cases.median(|case| case.cpu_seconds), 1);
         row("processor time a case, median (s)", "", median);
         let worst = number(cases.worst(|case| case.cpu_seconds), 1);
@@ -137,6 +145,32 @@ fn rows_of_bench(cases: &Group<'_>, row: &mut dyn FnMut(&str, Value)) {
     row("… where the cause is outside the catalogue", held_out(&outside));
 }
 
+// A table: a row of it is a line.
+#[rustfmt::skip]
+fn rows_of_laws(cases: &Group<'_>, row: &mut dyn FnMut(&str, &str, Value)) {
+    let [within, beyond, quiet] = [Class::Within, Class::Beyond, Class::Nothing].map(|class| {
+        cases.that(|case| case.answer.law().is_some_and(|it| it.class == class))
+    });
+    let rate = |cases: &Group<'_>, is: fn(&Scored) -> bool| cases.rate(is).shown();
+    let full: fn(&Scored) -> bool = |case| case.is_wrong(Strength::Full);
+    let part: fn(&Scored) -> bool = |case| case.is_wrong(Strength::Part);
+    let as_good: fn(&Scored) -> bool = |case| case.over_law().is_some_and(|ratio| ratio <= AS_GOOD);
+    let time = |cases: &Group<'_>| number(cases.median(|case| case.cpu_seconds), 1);
+    row("a law that the grammar has: it is named, or one that pushes alike", "≥ 75 %", rate(&within, Scored::is_exact));
+    row("… it is in the answer", "≥ 90 %", rate(&within, Scored::has_the_law));
+    row("… the model leaves at most 1.2 times what the law leaves", "≥ 85 %", rate(&within, as_good));
+    row("… another formula, at full strength", "", rate(&within, Scored::is_wrong_formula));
+    row("… another name, at full strength", "", rate(&within, full));
+    row("… another name, for a part", "", rate(&within, part));
+    row("… processor time, median (s)", "", time(&within));
+    row("a law that it does not have: a name at full strength", "≤ 10 %", rate(&beyond, full));
+    row("… and that is a formula", "", rate(&beyond, Scored::is_wrong_formula));
+    row("… a name for a part", "", rate(&beyond, part));
+    row("… processor time, median (s)", "", time(&beyond));
+    row("nothing hidden: a name", "0 %", rate(&quiet, Scored::names));
+    row("… processor time, median (s)", "", time(&quiet));
+}
+
 /// What a case counts as in the rows of a table of kinds.
 fn row_label(case: &Scored) -> String {
     let secret = case.secret();
@@ -144,8 +178,8 @@ fn row_label(case: &Scored) -> String {
         (Hidden::Nothing, _) => "(nothing)".to_owned(),
         (Hidden::Parameters, _) => "(parameters)".to_owned(),
         (Hidden::Two, _) => "(two)".to_owned(),
-        (Hidden::Outside, Answer::Runs(_)) => "(outside)".to_owned(),
         (Hidden::Outside, Answer::Session(_)) => format!("({})", secret.laws.concat()),
+        (Hidden::Outside, _) => "(outside)".to_owned(),
         (Hidden::One, _) => secret.kinds.concat(),
     }
 }
@@ -169,7 +203,7 @@ fn column_label(case: &Scored) -> String {
     }
 }
 
-/// What the verdict on a session said, in a few words.
+/// What the verdict on a session or a law said, in a few words.
 fn answer_label(case: &Scored) -> String {
     let said = &case.said;
     if !said.named.is_empty() {
@@ -308,6 +342,11 @@ fn case(case: &Scored) -> Value {
             "noise_deg": it.instruments.angle_noise.to_degrees(),
             "coloured_misfit_deg": it.coloured_misfit.to_degrees(),
             "rate_hz": it.instruments.rate_hz, "samples": it.samples,
+        }),
+        Answer::Law(it) => json!({
+            "class": it.class, "answer": answer_label(case), "law_rmse_deg": it.law_rmse_deg,
+            "refit_rmse_deg": said.fitted.map(|it| it[0]),
+            "repaired_rmse_deg": said.fitted.map(|it| it[1]),
         }),
     };
     if let (Value::Object(row), Value::Object(rest)) = (&mut row, rest) {

@@ -16,6 +16,7 @@ use softrig_formats::model_file::{ModelFile, to_file_units};
 use softrig_formats::recording::read_all;
 
 use super::cases::stable_hash;
+use crate::processor::{self, Of};
 
 /// What the second phase leaves of a case.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -29,6 +30,9 @@ pub struct Outcome {
     pub fitted: Vec<FittedParameter>,
     /// The repaired model file.
     pub repaired: String,
+    /// The models of explanations that cannot be told apart.
+    #[serde(default)]
+    pub rivals: Vec<String>,
     /// Wall time (s).
     pub seconds: f64,
     /// Processor time on all cores (s); none where it is not known, or where
@@ -59,31 +63,29 @@ impl Outcome {
         let paths = recordings(folder)?;
         let recordings = read_all(&paths, &Layout::default(), |_| {})?;
         let request = Request::of(&file, &recordings);
-        let (clock, processor) = (Instant::now(), processor_seconds());
+        let (clock, before) = (Instant::now(), processor::seconds(Of::Itself));
         // A panic is a wrong answer to one case, not the end of the benchmark.
         let diagnosis = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             diagnose(&request, &Job::default()).map_err(|error| error.to_string())
         }))
         .unwrap_or_else(|_| Err("the diagnosis panicked".to_owned()));
         let seconds = clock.elapsed().as_secs_f64();
-        let cpu_seconds = match (processor, processor_seconds()) {
-            (Some(before), Some(after)) => Some(after - before),
-            _ => None,
-        };
+        let processor = processor::seconds(Of::Itself).zip(before);
+        let cpu_seconds = processor.map(|(after, before)| after - before);
         let diagnosis = match diagnosis {
             Ok(diagnosis) => diagnosis,
             Err(refusal) => {
                 return Ok(Self {
-                    verdict: None,
                     refused: Some(refusal),
-                    fitted: Vec::new(),
-                    repaired: String::new(),
                     seconds,
                     cpu_seconds,
+                    ..Self::default()
                 });
             }
         };
         let fit = &diagnosis.repaired.fit;
+        let rivals = diagnosis.rivals.iter();
+        let rivals = rivals.map(|rival| file.text_with(&rival.fit.model, ""));
         let fitted = fit
             .free
             .iter()
@@ -109,6 +111,7 @@ impl Outcome {
             refused: None,
             fitted,
             repaired: file.text_with(&fit.model, ""),
+            rivals: rivals.collect(),
             seconds,
             cpu_seconds,
         })
@@ -118,19 +121,6 @@ impl Outcome {
     pub fn read(path: &Path) -> Option<Self> {
         serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()
     }
-}
-
-/// Processor time of this process so far (s), as Linux counts it.
-fn processor_seconds() -> Option<f64> {
-    /// Linux counts in hundredths of a second for every program.
-    const TICKS_PER_SECOND: f64 = 100.0;
-    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
-    // The name of the program may hold blanks; it ends with the last bracket.
-    let (_, fields) = text.rsplit_once(')')?;
-    let mut ticks = fields.split_whitespace().skip(11);
-    let user: f64 = ticks.next()?.parse().ok()?;
-    let system: f64 = ticks.next()?.parse().ok()?;
-    Some((user + system) / TICKS_PER_SECOND)
 }
 
 /// The recordings in a folder, in the order of their names.

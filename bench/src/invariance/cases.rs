@@ -7,9 +7,7 @@ use clap::ValueEnum;
 
 use super::known::{self, Known, Labels};
 use super::ways::{columns_of, model_file};
-use crate::blind;
 use crate::blind::answer::{Collection, Plans};
-use crate::blind::cases::stable_hash;
 use crate::blind::draw::draw;
 use crate::blind::experiments::Set as Experiments;
 use softrig_tests::shared;
@@ -245,13 +243,9 @@ fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
 /// Writes the drawn cases of a set that are not there yet; their folder, and what they
 /// hide.
 fn draw_set(set: Collection, places: &Places) -> Result<(PathBuf, Labels), String> {
-    let generator = stable_hash(blind::GENERATOR.as_bytes()) >> 32;
-    let name = match set {
-        // A case depends on how many there are.
-        Collection::Runs(_) => format!("seed{}_{}", places.seed, places.count),
-        Collection::Bench => format!("bench_seed{}", places.seed),
-    };
-    let folder = places.drawn.join(format!("{name}_{generator:08x}"));
+    let folder = places
+        .drawn
+        .join(set.folder(places.count, &[], places.seed));
     let plans = Plans::of(set, places.count, &[], places.seed);
     let is_there = |case: &str| folder.join(case).join("model.toml").exists();
     draw(&plans, places.seed, &folder, is_there, |_| Ok(())).map_err(|error| error.to_string())?;
