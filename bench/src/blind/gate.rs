@@ -75,97 +75,39 @@ impl Gate {
     }
 
     /// What has become worse than the limits allow, a sentence each.
+    // A table: a row of it is a line.
+    #[rustfmt::skip]
     pub fn check(&self, scored: &[Scored]) -> Vec<String> {
-        let runs = Group::of(Collection::Runs(Set::Rich), scored);
+        let cases = Group::of(Collection::Runs(Set::Rich), scored);
         let laws = Group::of(Collection::Laws, scored);
-        if runs.is_empty() || laws.is_empty() {
+        if cases.is_empty() || laws.is_empty() {
             return vec!["no case was diagnosed".to_owned()];
         }
-        let mut missed = Missed::default();
-        self.check_runs(&runs, &mut missed);
-        self.laws.check(&laws, &mut missed);
-        missed.0
-    }
-
-    fn check_runs(&self, cases: &Group<'_>, missed: &mut Missed) {
         let one = cases.hiding(&[Hidden::One]);
         let outside = cases.hiding(&[Hidden::Outside]);
-        missed.at_least(
-            "single effects named",
-            one.rate(Scored::is_lenient),
-            self.named_at_least,
-        );
-        missed.at_least(
-            "answer sets that hold the truth",
-            one.rate(Scored::holds),
-            self.in_answer_set_at_least,
-        );
-        missed.at_most(
-            "wrong names for a single effect",
-            one.rate(Scored::names_else),
-            self.wrong_at_most,
-        );
-        missed.at_most(
-            "names on data without an effect",
-            cases.quiet().rate(Scored::names),
-            self.false_names_at_most,
-        );
-        missed.at_most(
-            "names on effects outside the catalogue",
-            outside.rate(|case| case.is_wrong(Strength::Full)),
-            self.outside_names_at_most,
-        );
-        match one.median(Scored::over_oracle) {
-            Some(ratio) if ratio > self.held_out_at_most => missed.0.push(format!(
-                "held-out error over the oracle's: {ratio:.3}, and {} is the most",
-                self.held_out_at_most
-            )),
-            _ => {}
-        }
-    }
-}
-
-impl Laws {
-    fn check(&self, cases: &Group<'_>, missed: &mut Missed) {
-        let within = cases.that(|case| {
-            case.answer
-                .law()
-                .is_some_and(|it| it.class == Class::Within)
+        let within = laws.that(|case| case.answer.law().is_some_and(|it| it.class == Class::Within));
+        let full = |case: &Scored| case.is_wrong(Strength::Full);
+        let least = [
+            ("single effects named", one.rate(Scored::is_lenient), self.named_at_least),
+            ("answer sets that hold the truth", one.rate(Scored::holds), self.in_answer_set_at_least),
+            ("laws of the grammar named", within.rate(Scored::is_exact), self.laws.named_at_least),
+        ];
+        let most = [
+            ("wrong names for a single effect", one.rate(Scored::names_else), self.wrong_at_most),
+            ("names on data without an effect", cases.quiet().rate(Scored::names), self.false_names_at_most),
+            ("names on effects outside the catalogue", outside.rate(full), self.outside_names_at_most),
+            ("formulas that are not the law", laws.rate(Scored::is_wrong_formula), self.laws.wrong_formulas_at_most),
+            ("names on actuators without a law", laws.quiet().rate(Scored::names), self.laws.false_names_at_most),
+        ];
+        let few = least.iter().filter(|(_, rate, limit)| rate.hits < *limit).map(|row| (row, "least"));
+        let many = most.iter().filter(|(_, rate, limit)| rate.hits > *limit).map(|row| (row, "most"));
+        let missed = few.chain(many).map(|((what, Rate { hits, of }, limit), is)| {
+            format!("{what}: {hits} of {of}, and {limit} is the {is}")
         });
-        missed.at_least(
-            "laws of the grammar named",
-            within.rate(Scored::is_exact),
-            self.named_at_least,
-        );
-        missed.at_most(
-            "formulas that are not the law",
-            cases.rate(Scored::is_wrong_formula),
-            self.wrong_formulas_at_most,
-        );
-        missed.at_most(
-            "names on actuators without a law",
-            cases.quiet().rate(Scored::names),
-            self.false_names_at_most,
-        );
-    }
-}
-
-/// Limits that were missed, a sentence each.
-#[derive(Default)]
-struct Missed(Vec<String>);
-
-impl Missed {
-    fn at_least(&mut self, what: &str, Rate { hits, of }: Rate, limit: u32) {
-        if hits < limit {
-            self.0
-                .push(format!("{what}: {hits} of {of}, and {limit} is the least"));
-        }
-    }
-
-    fn at_most(&mut self, what: &str, Rate { hits, of }: Rate, limit: u32) {
-        if hits > limit {
-            self.0
-                .push(format!("{what}: {hits} of {of}, and {limit} is the most"));
-        }
+        let ratio = one.median(Scored::over_oracle).filter(|ratio| *ratio > self.held_out_at_most);
+        let ratio = ratio.map(|ratio| {
+            format!("held-out error over the oracle's: {ratio:.3}, and {} is the most", self.held_out_at_most)
+        });
+        missed.chain(ratio).collect()
     }
 }

@@ -51,7 +51,7 @@ fn rows(collection: Collection, cases: &Group<'_>) -> Vec<Value> {
     row("wall time a case, median (s)", most, median);
     let worst = number(cases.worst(seconds), 1);
     row("wall time a case, worst (s)", "", worst);
-    if matches!(collection, Collection::Bench | Collection::Laws) {
+    if collection == Collection::Bench {
         let median = number(cases.median(|case| case.cpu_seconds), 1);
         row("processor time a case, median (s)", "", median);
         let worst = number(cases.worst(|case| case.cpu_seconds), 1);
