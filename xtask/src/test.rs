@@ -154,7 +154,7 @@ static STEPS: [Step; 14] = [
     step("book", &[Lint], When::Always, 5.0, |_| {
         book::book().map(drop)
     }),
-    step("blind gate", &[Bench], When::Always, 330.0, |_| {
+    step("blind gate", &[Bench], When::Always, 425.0, |_| {
         bench::gate()
     }),
     step(
