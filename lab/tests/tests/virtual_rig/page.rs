@@ -151,13 +151,19 @@ fn an_empty_board_becomes_a_repaired_model_in_the_page() {
     assert!(done(&person).contains("has the same checksum"));
 
     person.presses("check");
-    // The page cannot know that this board's second is shorter because it is simulated.
-    assert_eq!(done(&person), "Failed: Clock.");
-    assert_eq!(person.counts("#rig-findings .passed"), 4);
+    // The page cannot know that this board's time is simulated: its second is short, and its lines
+    // come when the processor has time. What does not ask when they come passes.
+    let checked = done(&person);
+    assert!(checked.contains("Clock"), "{checked}");
+    for title in ["Firmware and settings", "Arithmetic", "Sensors at rest"] {
+        assert!(!checked.contains(title), "{checked}");
+        let passed = format!("{title}: passed.");
+        assert!(person.reads("rig-findings").contains(&passed), "{passed}");
+    }
 
     person.enters("protocol", "steps");
     person.presses("record");
-    person.waits_until("parseFloat(document.getElementById('rig-now').textContent) > 60");
+    person.waits_until("parseFloat(document.getElementById('rig-now').textContent) > 110");
     person.0.shoot(&pictures.join("recording.png"));
     let recorded = done(&person);
     assert!(recorded.starts_with("run1.csv: "), "{recorded}");
