@@ -98,6 +98,7 @@ const OF_PYTHON: &[&str] = &[
     "host-tools",
     "lab/export",
     "lab/importers",
+    "lab/print",
     "lab/python",
     "model-core",
     "wire",
@@ -311,6 +312,7 @@ const LAB: &[&str] = &[
     "softrig-fuzz",
     "softrig-importers",
     "softrig-lab-tests",
+    "softrig-print",
     "softrig-web",
 ];
 const BENCH: &[&str] = &["softrig-bench", "softrig-worlds"];

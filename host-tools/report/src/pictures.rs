@@ -4,6 +4,8 @@
 //! below the other on a phone, with readable text on either. The pressure of every run is
 //! drawn below its angle, since the first question is whether an error follows the input.
 
+use std::path::Path;
+
 use super::content::sentence;
 use super::runs::{RunView, runs};
 use crate::plot::{Cell, Figure, LINE_PX, Mark, Panel, Role, Series, Style};
@@ -12,6 +14,7 @@ use softrig::diagnose::decide::finding::Finding;
 use softrig::diagnose::recordings::noise::NoiseFloor;
 use softrig::diagnose::score::localise::{Feature, ForceMap, Gap, MapAxis};
 use softrig::statistics::{rms, swing};
+use softrig_formats::error::InputError;
 use softrig_formats::numbers::{degrees, short};
 use softrig_formats::recording::Recording;
 use softrig_formats::removed::Channel;
@@ -43,6 +46,43 @@ pub const RIVALS: [&str; 3] = ["with A", "with B", "with C"];
 /// The picture of `--plot`: the fitted and the held-out run with the largest error,
 /// measured, before and after, with the residuals below.
 pub fn figure(diagnosis: &Diagnosis) -> Figure {
+    let all = runs(diagnosis);
+    let fitted = worst(&all, |run| !run.held_out);
+    let shown: Vec<usize> = fitted.iter().map(|run| run.index).collect();
+    let other = if diagnosis.held_out.in_turn {
+        let skip = with_repeats(&diagnosis.floor, &shown);
+        worst(&all, |run| !skip.contains(&run.index))
+    } else {
+        worst(&all, |run| run.held_out)
+    };
+    let drawn: Vec<&RunView<'_>> = [fitted, other].into_iter().flatten().collect();
+    figure_of(diagnosis, &drawn)
+}
+
+/// The picture of `--plot` with these runs.
+///
+/// # Errors
+///
+/// Names a run that there is not, and those that there are.
+pub fn figure_of_runs(diagnosis: &Diagnosis, names: &[String]) -> Result<Figure, InputError> {
+    let all = runs(diagnosis);
+    let find = |name: &String| {
+        let is_it = |run: &&RunView<'_>| {
+            run.recording.name == *name.trim() || run.recording.path == Path::new(name.trim())
+        };
+        all.iter().find(is_it).ok_or_else(|| {
+            let names: Vec<&str> = all.iter().map(|it| it.recording.name.as_str()).collect();
+            InputError::new(
+                format!("there is no run {name} to draw"),
+                format!("give some of {}", names.join(", ")),
+            )
+        })
+    };
+    let drawn: Vec<&RunView<'_>> = names.iter().map(find).collect::<Result<_, _>>()?;
+    Ok(figure_of(diagnosis, &drawn))
+}
+
+fn figure_of(diagnosis: &Diagnosis, drawn: &[&RunView<'_>]) -> Figure {
     let repaired = if diagnosis.repaired.added.is_empty() {
         String::new()
     } else {
@@ -58,16 +98,6 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
     );
     let mut figure = Figure::new(sentence(diagnosis)).with_subtitle(gap);
     figure.row_height_px = ROW_HEIGHT_PX;
-    let all = runs(diagnosis);
-    let fitted = worst(&all, |run| !run.held_out);
-    let shown: Vec<usize> = fitted.iter().map(|run| run.index).collect();
-    let other = if diagnosis.held_out.in_turn {
-        let skip = with_repeats(&diagnosis.floor, &shown);
-        worst(&all, |run| !skip.contains(&run.index))
-    } else {
-        worst(&all, |run| run.held_out)
-    };
-    let drawn: Vec<&RunView<'_>> = [fitted, other].into_iter().flatten().collect();
     figure.columns = drawn.len().max(1);
     let curves = |run: &RunView<'_>| -> Vec<(&'static str, Style)> {
         if run.repaired == run.refit {
@@ -83,7 +113,7 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
             run.repaired.clone()
         }
     };
-    for run in &drawn {
+    for run in drawn {
         let title = if run.held_out { "validation" } else { "fitted" };
         let time = &run.recording.time;
         let mut panel = Panel::new("time (s)", "angle (°)")
@@ -96,10 +126,10 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
         }
         figure = figure.with_panel(with_left_out(panel, run, Channel::Angle));
     }
-    for run in &drawn {
+    for run in drawn {
         figure = figure.with_panel(pressure_panel(run));
     }
-    for run in &drawn {
+    for run in drawn {
         let mut panel = Panel::new("time (s)", "simulated − measured (°)")
             .with_legend(false)
             .with_level(0.0);

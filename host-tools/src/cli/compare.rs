@@ -13,6 +13,7 @@ use serde::Serialize;
 use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig::comparison::{Comparison, Repeats, average, check_comparable, deviation};
 use softrig::estimate::assemble::assemble;
 use softrig_formats::columns::Layout;
@@ -20,7 +21,7 @@ use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::read_all;
-use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, write_svg};
+use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style};
 
 /// Compares models with recordings: RMS error for each set-point, against the
 /// mean of the repeats.
@@ -50,12 +51,14 @@ pub struct Args {
     output: Option<PathBuf>,
     /// Draw, for each set-point, the mean of the repeats with their standard deviation, and
     /// every model
-    #[arg(long, value_name = "STEPS.svg")]
+    #[arg(long, value_name = "STEPS.svg|pdf|png")]
     plot: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// Colours of the models.
@@ -95,6 +98,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         named => named.to_vec(),
     };
     let read = args.recordings.iter().chain(&models);
+    args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
             Output::of("-o", FileKind::Table, args.output.as_ref()),
@@ -122,7 +126,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += &format!("\nwritten: {}\n", path.display());
     }
     if let Some(path) = &args.plot {
-        write_svg(path, &figure(&comparison))?;
+        args.picture.write(path, &figure(&comparison))?;
         text += &format!("\npicture: {}\n", path.display());
     }
     args.json.deliver(&Errors::of(&comparison), &text)

@@ -11,19 +11,21 @@ use super::input::{InputArgs, layout_of_folder};
 use super::json::JsonArgs;
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use super::watch::Watched;
 use crate::batch::{self, Batch, Share, manifest};
 use softrig::diagnose::score::grammar::is_name_of_term;
-use softrig::diagnose::{Budget, Job, Request, diagnose_from};
+use softrig::diagnose::{Budget, Diagnosis, Job, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
-use softrig_formats::error::write_atomically;
+use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{check_distinct, read_all_to_show};
 use softrig_report::Outputs;
 use softrig_report::content::Content;
 use softrig_report::html::page;
-use softrig_report::pictures::figure;
+use softrig_report::pictures::{figure, figure_of_runs};
+use softrig_report::plot::Figure;
 use softrig_report::provenance::{Provenance, command_line};
 use softrig_report::terminal::summary;
 
@@ -41,6 +43,7 @@ Examples:
   softrig diagnose --model m.toml run.csv --json verdict.json
   softrig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   softrig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
+  softrig diagnose --model m.toml run.csv --plot fig.pdf --width 89mm      for a paper
   softrig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
   softrig diagnose --model m.toml run.csv --no-formulas       effects with a name only
   softrig diagnose --model m.toml run.csv --without gravity   what would take its place?
@@ -86,8 +89,12 @@ pub struct Args {
     #[arg(long, value_name = "REPORT.html")]
     report: Option<PathBuf>,
     /// Draw the measured runs, the models before and after, and the residuals
-    #[arg(long, value_name = "GAP.svg")]
+    #[arg(long, value_name = "GAP.svg|pdf|png")]
     plot: Option<PathBuf>,
+    /// Draw these runs, by their names [default: the fitted and the validation run with the
+    /// largest error]
+    #[arg(long, value_name = "RUN,…", value_delimiter = ',', requires = "plot")]
+    runs: Vec<String>,
     /// Write the resulting model: with the effect added, refitted, or unchanged. For a batch,
     /// the folder of all results
     #[arg(short, long, value_name = "REPAIRED.toml")]
@@ -128,6 +135,8 @@ pub struct Args {
     seed: u64,
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// Runs the command.
@@ -216,6 +225,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     // A large file takes seconds to read, which are the user's too.
     let begun = Instant::now();
     let read = args.recordings.iter().chain(&args.holdout);
+    args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
             args.json.output(),
@@ -286,7 +296,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         outputs.page = Some(path);
     }
     if let Some(path) = &args.plot {
-        softrig_report::plot::write_svg(path, &figure(&diagnosis))?;
+        args.picture.write(path, &drawn(args, &diagnosis)?)?;
         outputs.picture = Some(path);
     }
     if let Some(path) = &args.output {
@@ -299,6 +309,14 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     let text = summary(&content, &outputs, args.seed, seconds);
     args.json
         .deliver(&diagnosis.verdict(&request, seconds), &text)
+}
+
+/// The picture of the runs that were asked for.
+fn drawn(args: &Args, diagnosis: &Diagnosis) -> Result<Figure, InputError> {
+    if args.runs.is_empty() {
+        return Ok(figure(diagnosis));
+    }
+    figure_of_runs(diagnosis, &args.runs)
 }
 
 /// How an interrupted diagnosis is taken up.

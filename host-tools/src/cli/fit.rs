@@ -10,6 +10,7 @@ use super::input::InputArgs;
 use super::json::{JsonArgs, Parameter, SCHEMA};
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig::diagnose::decide::verdict::Zeros;
 use softrig::estimate::Dataset;
 use softrig::estimate::fit::{Fit, rms_each};
@@ -20,7 +21,7 @@ use softrig_formats::error::write_atomically;
 use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
 use softrig_formats::numbers::{short, tidy, with_ends};
 use softrig_formats::recording::Recording;
-use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
+use softrig_report::plot::{Figure, Panel, Series, Style};
 
 /// Fits the free parameters of a model to recordings.
 ///
@@ -43,12 +44,14 @@ pub struct Args {
     output: Option<PathBuf>,
     /// Profile the likelihood of each free parameter, and draw it: how far the parameter can go
     /// while all others follow
-    #[arg(long, value_name = "PROFILES.svg")]
+    #[arg(long, value_name = "PROFILES.svg|pdf|png")]
     profile: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// Runs the command.
@@ -59,6 +62,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let model = args.model.find()?;
     let read = args.recordings.iter().chain([&model]);
+    args.picture.check("--profile", args.profile.as_ref())?;
     output::check(
         &[
             Output::of("-o", FileKind::Model, args.output.as_ref()),
@@ -91,7 +95,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(path) => {
             let profiles = profiled(&file, &data, &fit);
             text += &format!("\n{}", profile_table(&profiles));
-            write_svg(path, &profile_figure(&file.name, &profiles))?;
+            args.picture.write(path, &profile_figure(&file.name, &profiles))?;
             text += &format!("\npicture: {}\n", path.display());
             profiles
         }

@@ -11,12 +11,12 @@ use clap::Parser;
 use super::input::InputArgs;
 use super::json::JsonArgs;
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig::board_gap::{BoardGap, GapOf, PredictedRun, predicted_runs};
 use softrig_formats::columns::Layout;
 use softrig_formats::error::InputError;
 use softrig_formats::recording::{check_distinct, read_all};
 use softrig_report::gap::gap_figure;
-use softrig_report::plot::write_svg;
 
 /// Shows the gap between the angle that the board predicts and the angle that
 /// it measures, before and after an upload.
@@ -39,12 +39,14 @@ pub struct Args {
     after: Vec<PathBuf>,
     /// Draw the worst run, before and after, with its errors. Runs before and after are
     /// matched by name, else by set-point and repeat, else by their order
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// Runs the command.
@@ -54,6 +56,7 @@ pub struct Args {
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let read = args.recordings.iter().chain(&args.after);
+    args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
@@ -68,7 +71,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let gap = BoardGap::of(&before, &after);
     let mut text = table(&gap);
     if let Some(path) = &args.plot {
-        write_svg(path, &gap_figure(&before, &after, &gap))?;
+        args.picture.write(path, &gap_figure(&before, &after, &gap))?;
         text += &format!("\npicture: {}\n", path.display());
     }
     args.json.deliver(&gap, &text)

@@ -11,12 +11,13 @@ use serde::Serialize;
 use super::json::{JsonArgs, SCHEMA};
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig::linear::{Linear, Pole, angle_under};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{exact, short, tidy};
 use softrig_formats::recording::PASCAL_PER_KPA;
-use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
+use softrig_report::plot::{Figure, Panel, Series, Style};
 
 /// Linearises a model about a rest: poles, damping, bandwidth, a Bode plot, and the state
 /// space for scipy.signal or MATLAB.
@@ -37,13 +38,15 @@ pub struct Args {
     #[arg(long, value_name = "30deg")]
     at: Rest,
     /// Draw the Bode plot
-    #[arg(long, value_name = "BODE.svg")]
+    #[arg(long, value_name = "BODE.svg|pdf|png")]
     plot: Option<PathBuf>,
     /// Write the state space: .py for scipy.signal, .m for MATLAB and Octave
     #[arg(short, long, value_name = "SYSTEM.py|SYSTEM.m")]
     output: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// The first words in the header of every file that it writes as code.
@@ -175,6 +178,7 @@ fn decibels(ratio: f64) -> f64 {
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let model = args.model.find()?;
+    args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
             Output::of("-o", FileKind::Code, args.output.as_ref()),
@@ -188,7 +192,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let (linear, result) = Linearised::at(&file, args.at)?;
     let mut text = result.text();
     if let Some(path) = &args.plot {
-        write_svg(path, &result.bode(&linear))?;
+        args.picture.write(path, &result.bode(&linear))?;
         text += &format!("\npicture: {}\n", path.display());
     }
     if let Some((path, language)) = args.output.as_ref().zip(language) {

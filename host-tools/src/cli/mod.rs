@@ -26,6 +26,7 @@ pub(crate) mod model;
 pub mod monitor;
 pub mod next;
 pub mod output;
+mod picture;
 pub mod plan;
 pub(crate) mod port;
 pub mod ports;

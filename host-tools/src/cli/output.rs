@@ -15,6 +15,7 @@ use softrig_formats::error::{InputError, check_writable, is_stream, target_of};
 use softrig_formats::formats::is_binary_recording;
 use softrig_formats::model_file::WRITTEN_BY_EXPORT;
 use softrig_link::record::meta_path;
+use softrig_report::plot::Format;
 
 /// The kind of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,6 +136,9 @@ pub fn check<'a>(
     let mut seen: Vec<PathBuf> = Vec::new();
     for output in outputs {
         let Some(path) = output.path else { continue };
+        if output.kind == FileKind::Picture {
+            Format::of(path)?.check(path)?;
+        }
         let folder = path.parent().unwrap_or(Path::new(""));
         if !folder.as_os_str().is_empty() && !folder.is_dir() {
             return Err(InputError::new(
@@ -263,6 +267,9 @@ fn found(path: &Path) -> Found {
     if is_unit(&bytes) {
         return Found::Known(FileKind::Code);
     }
+    if is_picture(&bytes) {
+        return Found::Known(FileKind::Picture);
+    }
     if is_binary_recording(&bytes) {
         return Found::Known(FileKind::Recording);
     }
@@ -280,6 +287,13 @@ fn is_unit(bytes: &[u8]) -> bool {
         && bytes
             .get(NAME_AT..)
             .is_some_and(|rest| rest.starts_with(DESCRIPTION))
+}
+
+/// Whether a file is a PNG, or a PDF that was made of a picture: others are somebody's papers.
+fn is_picture(bytes: &[u8]) -> bool {
+    const MADE_BY: &[u8] = b"(svg2pdf)";
+    bytes.starts_with(b"\x89PNG\r\n\x1a\n")
+        || (bytes.starts_with(b"%PDF-") && bytes.windows(MADE_BY.len()).any(|it| it == MADE_BY))
 }
 
 /// The lines within which an export says what wrote it.

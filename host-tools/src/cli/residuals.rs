@@ -10,6 +10,7 @@ use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig::comparison::check_comparable;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::filter::Pace;
@@ -21,7 +22,7 @@ use softrig_formats::numbers::{percent, short};
 use softrig_formats::recording::Recording;
 use softrig_report::correlation::{Correlation, Correlations, Level, RunResiduals};
 use softrig_report::html::STYLE;
-use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string, write_svg};
+use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string};
 
 /// Analyses what a model leaves of recordings: is it white, does it go with the pressure, how
 /// does it grow with the time ahead, and how is it distributed?
@@ -43,12 +44,14 @@ pub struct Args {
     #[arg(long, value_name = "PAGE.html")]
     report: Option<PathBuf>,
     /// Draw them
-    #[arg(long, value_name = "RESIDUALS.svg")]
+    #[arg(long, value_name = "RESIDUALS.svg|pdf|png")]
     plot: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// What `softrig residuals --json` writes.
@@ -140,6 +143,7 @@ impl Lagged {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let model = args.model.find()?;
     let read = args.recordings.iter().chain([&model]);
+    args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
             Output::of("--report", FileKind::Page, args.report.as_ref()),
@@ -161,7 +165,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 .figure()
                 .with_subtitle(analysis.sentences().join(" "))
         };
-        write_svg(path, &figure)?;
+        args.picture.write(path, &figure)?;
         text += &format!("\npicture: {}\n", path.display());
     }
     if let Some(path) = &args.report {

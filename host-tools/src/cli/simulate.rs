@@ -11,13 +11,14 @@ use super::input::InputArgs;
 use super::json::{JsonArgs, SCHEMA};
 use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig::comparison::check_comparable;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use softrig_formats::error::write_with_meta;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use softrig_link::record::meta_path;
-use softrig_report::plot::{Figure, Panel, Series, Style, write_svg};
+use softrig_report::plot::{Figure, Panel, Series, Style};
 
 /// Simulates a model over the pressure of a recording, or over a protocol.
 #[derive(Debug, Parser)]
@@ -55,12 +56,14 @@ pub struct Args {
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
     /// Draw the run
-    #[arg(long, value_name = "OUT.svg")]
+    #[arg(long, value_name = "OUT.svg|pdf|png")]
     plot: Option<PathBuf>,
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 fn angle(text: &str) -> Result<f64, String> {
@@ -84,6 +87,7 @@ fn number(text: &str) -> f64 {
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let path = args.model.find()?;
     let played = args.protocol.as_ref().map(PathBuf::from);
+    args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
             Output::of("-o", FileKind::Recording, args.output.as_ref())
@@ -176,7 +180,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += &format!("written: {}\n", path.display());
     }
     if let Some(path) = &args.plot {
-        write_svg(path, &shown.figure())?;
+        args.picture.write(path, &shown.figure())?;
         text += &format!("drawn: {}\n", path.display());
     }
     args.json.deliver(&result, &text)

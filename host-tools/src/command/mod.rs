@@ -107,6 +107,8 @@ enum Command {
 pub fn main(arguments: &[OsString]) -> u8 {
     #[cfg(feature = "lab")]
     softrig_importers::install();
+    #[cfg(feature = "print")]
+    softrig_print::install();
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
         Err(error) => {

@@ -65,6 +65,7 @@ mod softrig {
     #[pymodule_init]
     fn fill(module: &Bound<'_, PyModule>) -> PyResult<()> {
         softrig_importers::install();
+        softrig_print::install();
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -6,9 +6,10 @@
 
 use std::fmt::Display;
 
-use super::Mark;
+use super::look::{Colours, Length};
 use super::rectangle::Rectangle;
 use super::style::Colour;
+use super::{Mark, Role};
 use softrig_formats::terminal::printable_line;
 
 const FONT: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
@@ -65,9 +66,18 @@ impl Stroke {
 pub(super) enum Medium {
     /// A file of its own: a white page of a fixed size.
     File,
+    /// The same for paper, or whatever else was asked for.
+    Print(Colours),
     /// Part of an HTML page: as wide as there is room, without a ground, and
     /// with groups that say what is in them.
     Page,
+}
+
+/// The size of a picture on paper.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Size {
+    /// Its width.
+    pub(super) asked: Length,
 }
 
 /// A page that is being drawn on.
@@ -111,6 +121,23 @@ fn listed(points: &[(f64, f64)]) -> String {
 }
 
 impl Canvas {
+    /// The colour of a curve on this medium.
+    pub(super) fn colour(&self, role: Role) -> Colour {
+        match self.medium {
+            Medium::Print(Colours::Print) => role.colour_in_print(),
+            _ => role.colour(),
+        }
+    }
+
+    /// The attribute that makes a shape translucent. In print it is that of its fill: the other makes
+    /// a group of every dot.
+    fn opacity(&self) -> &'static str {
+        match self.medium {
+            Medium::Print(_) => "fill-opacity",
+            _ => "opacity",
+        }
+    }
+
     /// Writes one element: its name, and its attributes.
     fn element(&mut self, name: &str, attributes: &[(&str, &dyn Display)]) {
         self.open(name, attributes);
@@ -130,7 +157,7 @@ impl Canvas {
     /// Draws what belongs together; on a page, in a group with attributes that
     /// a script can read.
     pub(super) fn group(&mut self, attributes: &[(&str, String)], draw: impl FnOnce(&mut Self)) {
-        if self.medium == Medium::File {
+        if self.medium != Medium::Page {
             return draw(self);
         }
         let attributes: Vec<(&str, &dyn Display)> = attributes
@@ -159,11 +186,12 @@ impl Canvas {
     }
 
     pub(super) fn polygon(&mut self, corners: &[(f64, f64)], colour: Colour) {
+        let opacity = self.opacity();
         self.element(
             "polygon",
             &[
                 ("fill", &colour),
-                ("opacity", &0.22),
+                (opacity, &0.22),
                 ("points", &listed(corners)),
             ],
         );
@@ -184,6 +212,7 @@ impl Canvas {
     }
 
     pub(super) fn dot(&mut self, centre: (f64, f64), colour: Colour) {
+        let opacity = self.opacity();
         let (x, y) = pixel(centre);
         self.element(
             "circle",
@@ -192,7 +221,7 @@ impl Canvas {
                 ("cy", &y),
                 ("r", &DOT_RADIUS_TENTHS),
                 ("fill", &colour),
-                ("opacity", &0.7),
+                (opacity, &0.7),
             ],
         );
     }
@@ -291,23 +320,28 @@ fn escaped(text: &str) -> String {
 }
 
 /// A whole document of the given size in pixels, with what `draw` puts on it;
-/// `name` is what someone hears who does not see it.
+/// `name` is what someone hears who does not see it, and `size` is that on paper.
 pub(super) fn document(
     (width, height): (f64, f64),
     medium: Medium,
     name: &str,
+    size: Option<Size>,
     draw: impl FnOnce(&mut Canvas),
 ) -> String {
+    let [printed_width, printed_height] = size.map_or_else(
+        || [width, height].map(|px| (tenths(px) / 10).to_string()),
+        |size| size.written((width, height)),
+    );
     let (width, height) = (tenths(width), tenths(height));
     let mut canvas = Canvas {
         body: String::new(),
         medium,
     };
     let mut attributes: Vec<(&str, String)> = match medium {
-        Medium::File => vec![
+        Medium::File | Medium::Print(_) => vec![
             ("xmlns", "http://www.w3.org/2000/svg".to_owned()),
-            ("width", (width / 10).to_string()),
-            ("height", (height / 10).to_string()),
+            ("width", printed_width),
+            ("height", printed_height),
             ("font-family", FONT.to_owned()),
         ],
         Medium::Page => vec![

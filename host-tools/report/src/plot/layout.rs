@@ -11,6 +11,8 @@ use super::rectangle::Rectangle;
 use super::style::Colour;
 use super::text::{LEADING, SUBTITLE_PX, TITLE_PX, Weight, wrap};
 
+/// The narrowest and the widest picture.
+pub(super) const WIDTHS_PX: (f64, f64) = (240.0, 4000.0);
 const MARGIN: f64 = 16.0;
 const COLUMN_GAP: f64 = 22.0;
 const ROW_GAP: f64 = 14.0;
@@ -27,7 +29,7 @@ pub(super) struct Layout {
 impl Layout {
     pub(super) fn of(figure: &Figure) -> Self {
         let width = if drawable(figure.width_px) {
-            figure.width_px.clamp(240.0, 4000.0)
+            figure.width_px.clamp(WIDTHS_PX.0, WIDTHS_PX.1)
         } else {
             860.0
         };
@@ -118,7 +120,7 @@ impl Layout {
             right: self.width,
             bottom: self.height,
         };
-        if canvas.medium == Medium::File {
+        if canvas.medium != Medium::Page {
             canvas.fill(&page, Colour(0xFF, 0xFF, 0xFF));
         }
         let mut y = MARGIN;

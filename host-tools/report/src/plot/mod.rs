@@ -26,19 +26,18 @@ mod canvas;
 mod curves;
 mod layout;
 mod legend;
+mod look;
 mod panel;
 mod rectangle;
 mod style;
 mod text;
 mod thin;
 
-use std::path::Path;
-
-use canvas::Medium;
+use canvas::{Medium, Size};
 use layout::Layout;
-use softrig_formats::error::{InputError, write_atomically};
 
 pub use canvas::LINE_PX;
+pub use look::{Colours, Format, Length, Look, Printer, install, write};
 pub use style::{Mark, Role, Style, css_colour, diverging};
 
 /// One curve.
@@ -296,19 +295,9 @@ impl Figure {
     }
 }
 
-/// Draws a figure and writes it, replacing an existing file only when the new
-/// one is complete.
-///
-/// # Errors
-///
-/// If the folder is missing or not writable.
-pub fn write_svg(path: &Path, figure: &Figure) -> Result<(), InputError> {
-    write_atomically(path, to_svg_string(figure).as_bytes())
-}
-
 /// Draws a figure.
 pub fn to_svg_string(figure: &Figure) -> String {
-    draw(figure, Medium::File, &figure.title)
+    drawn(figure, Medium::File, &figure.title, None)
 }
 
 /// Draws a figure as part of an HTML page: as wide as there is room, without a
@@ -319,12 +308,13 @@ pub fn to_svg_string(figure: &Figure) -> String {
 /// `data-y`), the label of a series, the text of a cell. So a script can read
 /// values off the drawing, and no number is there twice.
 pub fn to_inline_svg(figure: &Figure, name: &str) -> String {
-    draw(figure, Medium::Page, name)
+    drawn(figure, Medium::Page, name, None)
 }
 
-fn draw(figure: &Figure, medium: Medium, name: &str) -> String {
+fn drawn(figure: &Figure, medium: Medium, name: &str, size: Option<Size>) -> String {
     let layout = Layout::of(figure);
-    canvas::document((layout.width, layout.height), medium, name, |canvas| {
+    let extent = (layout.width, layout.height);
+    canvas::document(extent, medium, name, size, |canvas| {
         layout.draw(figure, canvas);
     })
 }
@@ -460,11 +450,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.svg");
         std::fs::write(&path, "old").unwrap();
-        write_svg(&path, &Figure::new("new")).unwrap();
+        write(&path, &Figure::new("new"), &Look::default()).unwrap();
         assert!(std::fs::read_to_string(&path).unwrap().contains("new"));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         let missing = folder.path().join("none").join("a.svg");
-        let error = write_svg(&missing, &Figure::new("")).unwrap_err();
+        let error = write(&missing, &Figure::new(""), &Look::default()).unwrap_err();
         assert!(error.to_string().contains("folder exists"));
     }
 }

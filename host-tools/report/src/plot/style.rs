@@ -58,6 +58,24 @@ impl Role {
 }
 
 impl Role {
+    /// The colour in print: about the same hue, in steps of lightness that a copy in grey keeps.
+    pub(super) fn colour_in_print(self) -> Colour {
+        match self {
+            Self::Reference => Colour(0x10, 0x10, 0x10),
+            Self::Emphasis => Colour(0x4A, 0x0E, 0x38),
+            Self::After => Colour(0x00, 0x5A, 0x42),
+            Self::Nominal => Colour(0x00, 0x72, 0xB2),
+            Self::Before => Colour(0xE0, 0x70, 0x1A),
+            Self::Measured => Colour(0xCC, 0xCC, 0xCC),
+            Self::Other(index) => match index % 4 {
+                0 => Colour(0x80, 0xCC, 0xF2),
+                1 => Colour(0xE6, 0xA8, 0x10),
+                2 => Colour(0xC8, 0x7A, 0xA8),
+                _ => Colour(0x8A, 0x6A, 0x3E),
+            },
+        }
+    }
+
     /// Colours of several of a kind before one comes again.
     pub const MANY: usize = 9;
 
@@ -165,5 +183,41 @@ impl Style {
     /// Replaces the mark by dashes.
     pub const fn dashed(self) -> Self {
         Self::new(self.role, Mark::Dashed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lightness of a copy in grey, 0 to 255.
+    fn grey(Colour(red, green, blue): Colour) -> f64 {
+        0.299 * f64::from(red) + 0.587 * f64::from(green) + 0.114 * f64::from(blue)
+    }
+
+    fn least_step(roles: &[Role]) -> f64 {
+        let mut greys: Vec<f64> = roles.iter().map(|it| grey(it.colour_in_print())).collect();
+        greys.sort_by(f64::total_cmp);
+        greys
+            .windows(2)
+            .map(|pair| pair[1] - pair[0])
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    #[test]
+    fn curves_in_print_are_told_apart_in_grey() {
+        let of_a_diagnosis = [
+            Role::Measured,
+            Role::Nominal,
+            Role::Before,
+            Role::After,
+            Role::Emphasis,
+            Role::Reference,
+        ];
+        let step = least_step(&of_a_diagnosis);
+        assert!(step >= 20.0, "{step}");
+        let many: Vec<Role> = (0..Role::MANY).map(Role::of_many).collect();
+        let step = least_step(&many);
+        assert!(step >= 15.0, "{step}");
     }
 }

@@ -14,12 +14,12 @@ use serde::Serialize;
 use super::choice::choice;
 use super::json::{is_stdout, text_of};
 use super::output::{self, FileKind, Output};
+use super::picture::PictureArgs;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_materials::curve::{Measure, TensileCurve};
 use softrig_materials::fit::{self, Choice, CurveFit, Estimate, Modulus, Residual};
 use softrig_materials::predictor::{LeaveOneOut, PredictorFit, eight_rows, leave_one_out};
 use softrig_materials::table_row;
-use softrig_report::plot::write_svg;
 
 /// Materials: the paper's table, exponents from tensile curves and data sheets.
 #[derive(Debug, Parser)]
@@ -51,11 +51,13 @@ Examples:
   softrig materials list --plot predictor.svg")]
 struct ListArgs {
     /// Draw the exponents against the data-sheet figures, with the predictor
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<PathBuf>,
     /// Print JSON, to a file if one is named
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 /// Fits Ludwick's law σ = E εⁿ, and Hooke's for comparison, to tensile curves.
@@ -98,12 +100,14 @@ struct FitCurveArgs {
     /// 6, misfit in strain, modulus from the table (or --modulus-mpa)
     #[arg(long, conflicts_with_all = ["stress", "strain", "range", "residual"])]
     paper: bool,
-    /// Draw curve, laws and residuals as SVG; of several curves, all in one picture
-    #[arg(long, value_name = "FILE")]
+    /// Draw curve, laws and residuals; of several curves, all in one picture
+    #[arg(long, value_name = "FILE.svg|pdf|png")]
     plot: Option<PathBuf>,
     /// Write the result as JSON; `-` prints it instead of the text
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    picture: PictureArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -176,11 +180,17 @@ fn execute(args: Args, out: &mut dyn Write) -> anyhow::Result<()> {
 }
 
 fn check_outputs(command: &Command) -> Result<(), InputError> {
-    let (json, plot, read) = match command {
-        Command::List(args) => (&args.json, &args.plot, &[][..]),
-        Command::FitCurve(args) => (&args.json, &args.plot, args.files.as_slice()),
-        Command::Predict(args) => (&args.json, &None, &[][..]),
+    let (json, plot, picture, read) = match command {
+        Command::List(args) => (&args.json, &args.plot, Some(&args.picture), &[][..]),
+        Command::FitCurve(args) => {
+            let read = args.files.as_slice();
+            (&args.json, &args.plot, Some(&args.picture), read)
+        }
+        Command::Predict(args) => (&args.json, &None, None, &[][..]),
     };
+    if let Some(picture) = picture {
+        picture.check("--plot", plot.as_ref())?;
+    }
     let json = json.as_ref().filter(|path| !is_stdout(path));
     output::check(
         &[
@@ -220,7 +230,7 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     let all_rows = PredictorFit::new(&TABLE_I)?;
     let unseen = leave_one_out(&TABLE_I)?;
     if let Some(path) = &args.plot {
-        write_svg(path, &pictures::predictor_figure(&predictor, &unseen))?;
+        args.picture.write(path, &pictures::predictor_figure(&predictor, &unseen))?;
     }
     let source = format!("{SOURCE}, Tables I and II");
     let value = json::List::new(source, &predictor, &all_rows, unseen);
@@ -434,7 +444,7 @@ fn fit_several(
         first.choice_but("modulus held as in Table I")
     };
     if let Some(path) = &args.plot {
-        write_svg(
+        args.picture.write(
             path,
             &pictures::curves_figure(fitted, &with_capital(&choice)),
         )?;
@@ -496,7 +506,7 @@ fn fit_one(
     let notes = fit.notes(curve);
     if let Some(path) = &args.plot {
         let sentence = with_capital(&fit.choice_sentence());
-        write_svg(path, &pictures::curve_figure(curve, fit, &sentence))?;
+        args.picture.write(path, &pictures::curve_figure(curve, fit, &sentence))?;
     }
     let value = json::Curve::new(args.paper, curve, fit);
     if !deliver_json(args.json.as_deref(), &value, out)? {
