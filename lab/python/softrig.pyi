@@ -156,6 +156,8 @@ class Recording:
     def to_pandas(self) -> pd.DataFrame:
         """All columns as a frame."""
 
+    def __copy__(self) -> Recording: ...
+    def __deepcopy__(self, _memo: Any) -> Recording: ...
     def __len__(self) -> int: ...
 
 # A text is a path, although it is an iterable of texts as well.
@@ -383,6 +385,9 @@ class Fit:
     def plot(self) -> NDArray[Any]:
         """Draws measured and simulated angles on matplotlib's axes, an array with one a run."""
 
+    def __copy__(self) -> Fit: ...
+    def __deepcopy__(self, _memo: Any) -> Fit: ...
+
 def fit(model: Model, recordings: _Recordings, *, threads: int | None = None) -> Fit:
     """Fits the free parameters of a model to recordings."""
 
@@ -515,6 +520,14 @@ class _LeftOut:
     text: str
     """How it is handled, and what to do if that is not meant."""
 
+class _StandIn:
+    """What a verdict is about where that is a simulation of somebody's own."""
+
+    column: str
+    rmse_deg: float
+    stand_in_rmse_deg: float
+    caveat: str
+
 class _Verdict:
     """The verdict with the names of the JSON, which ``softrig schema`` explains. The JSON's
     ``where`` is called ``places`` here."""
@@ -536,7 +549,9 @@ class _Verdict:
     holdout_rmse_deg: _HeldOutError
     nuisance: _Zeros
     upload: bool
+    upload_refused: str | None
     next_experiment: list[_Experiment]
+    simulation: _StandIn | None
     ended: Literal["budget"] | None
     not_tried: list[str]
     left_out: list[_LeftOut]
@@ -631,10 +646,23 @@ class Diagnosis:
     def report(self, path: _Path) -> None:
         """Writes the report: one HTML page that needs no network."""
 
-    def plot(self, path: _Path | None = None) -> NDArray[Any] | None:
-        """Draws measured, before and after: with a path as the SVG of ``softrig diagnose --plot``,
-        without one on matplotlib's axes, an array with one a run."""
+    def plot(
+        self,
+        path: _Path | None = None,
+        *,
+        width: str | None = None,
+        font_size: float | None = None,
+        headline: bool | None = None,
+        panels: Sequence[str] | None = None,
+        runs: Sequence[str] | None = None,
+        colours: str | None = None,
+    ) -> NDArray[Any] | None:
+        """Draws measured, before and after: with a path as the picture of ``softrig diagnose
+        --plot``, as SVG, PDF or PNG by its extension, without one on matplotlib's axes, an array
+        with one a run."""
 
+    def __copy__(self) -> Diagnosis: ...
+    def __deepcopy__(self, _memo: Any) -> Diagnosis: ...
     def _repr_html_(self) -> str: ...
 
 def diagnose(
@@ -686,6 +714,9 @@ class _Row(TypedDict):
     upload: bool | None
     seconds: float | None
     tool_version: str | None
+    interval95_json: str | None
+    ended: Literal["budget"] | None
+    seed: float | None
 
 @final
 class Batch:

@@ -131,14 +131,19 @@ impl ModelFile {
         // The text parsed once already.
         let mut document: DocumentMut = self.text.parse().unwrap_or_default();
         let dynamics = document["dynamics"].or_insert(Item::Table(Table::new()));
+        let mut is_moved = false;
         for (id, row) in base() {
             let shown = |of: &Model<f64>| Some(tidy(row.unit.from_si(of.value(id)?)));
             if let Some(value) = shown(model) {
                 if shown(&self.model) != Some(value) {
-                    forget_convention(dynamics, row.key);
+                    forget_origin(dynamics, row.key);
+                    is_moved = true;
                 }
                 replace_number(&mut dynamics[row.key], value);
             }
+        }
+        if is_moved {
+            forget_first_fit(dynamics);
         }
         let list = document["effect"].or_insert(Item::ArrayOfTables(ArrayOfTables::new()));
         if let Some(tables) = list.as_array_of_tables_mut() {
@@ -311,16 +316,45 @@ pub fn to_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
 /// How the comment above a number of a first model begins to say that nobody measured it.
 pub const BY_CONVENTION: &str = "by convention: ";
 
-/// Says of a number that was chosen, in the comment above it, that it was fitted since.
-fn forget_convention(section: &mut Item, key: &str) {
+/// How other comments begin that `softrig init` writes after the name of a number.
+const ORIGINS: [&str; 5] = [
+    "fitted; ",
+    "fitted, but ",
+    "table of materials, ",
+    "beam formula with ",
+    "GUESS: ",
+];
+
+/// Says of a number, in the comment above it, that it was fitted since: where it came from before is
+/// not true of it any more.
+fn forget_origin(section: &mut Item, key: &str) {
     let Some(mut key) = section.as_table_mut().and_then(|it| it.key_mut(key)) else {
         return;
     };
     let decor = key.leaf_decor_mut();
     let above = decor.prefix().and_then(|it| it.as_str());
-    if let Some((name, _)) = above.and_then(|it| it.split_once(BY_CONVENTION)) {
-        let above = format!("{name}fitted since this model was made\n");
-        decor.set_prefix(above);
+    let mut origins = std::iter::once(&BY_CONVENTION).chain(&ORIGINS);
+    let name = above.and_then(|above| {
+        origins.find_map(|it| Some(above.split_once(&format!("; {it}"))?.0.to_owned()))
+    });
+    if let Some(name) = name {
+        decor.set_prefix(format!("{name}; fitted since this model was made\n"));
+    }
+}
+
+/// Takes the error of the first fit out of the comment above the parameters.
+fn forget_first_fit(section: &mut Item) {
+    let Some(decor) = section.as_table_mut().map(Table::decor_mut) else {
+        return;
+    };
+    let above = decor.prefix().and_then(|it| it.as_str()).unwrap_or("");
+    let is_first_fit = |line: &&str| line.starts_with("# Fitted to ") && line.contains("RMS error");
+    if above.lines().any(|line| is_first_fit(&line)) {
+        let kept = above
+            .split_inclusive('\n')
+            .filter(|line| !is_first_fit(line));
+        let kept: String = kept.collect();
+        decor.set_prefix(kept.replace("\n\n\n", "\n\n"));
     }
 }
 
@@ -1052,6 +1086,32 @@ force_n = 0.02
             "{moved}"
         );
         assert!(moved.contains("by convention: it shows in ratios\ninertia_kg_m = 1.0"));
+    }
+
+    #[test]
+    fn what_was_true_of_the_first_fit_goes_with_it() {
+        let text = "schema = 1\n\n# Fitted to 9 recordings: 7659 samples, RMS error 2.046°, of 27° about the mean.\n\n[dynamics]\n# effective inertia M; by convention: it shows in ratios\ninertia_kg_m = 1.0\n# damping C; fitted; 95 % interval 3.2 to 3.7 N·s/rad\ndamping_n_s_per_rad = 3.5\n# mine; fitted by hand\nstiffness_n_per_rad_n = 1.0\nexponent = 1.0\ninput_gain_n_per_kpa = 1.0\n";
+        let file = ModelFile::parse(text, Path::new("m.toml")).unwrap();
+        assert_eq!(file.text_with(&file.model, ""), text);
+        let [damping, stiffness] = [ParameterId::BASE[1], ParameterId::BASE[2]];
+        let model = file
+            .model
+            .with_value(damping, 5.0)
+            .with_value(stiffness, 2.0);
+        let moved = file.text_with(&model, "");
+        assert!(
+            !moved.contains("3.2 to 3.7") && !moved.contains("2.046"),
+            "{moved}"
+        );
+        assert!(moved.contains("schema = 1\n\n[dynamics]"), "{moved}");
+        assert!(
+            moved.contains("# damping C; fitted since this model was made\n"),
+            "{moved}"
+        );
+        assert!(
+            moved.contains("# mine; fitted by hand\nstiffness"),
+            "{moved}"
+        );
     }
 
     #[test]

@@ -179,6 +179,7 @@ mod tests {
             time_s: vec![0.0],
             measured_deg: vec![1.0],
             predicted_deg: vec![1.0 + error],
+            setpoint_deg: vec![f64::NAN],
         };
         let chosen = |before: &[PredictedRun], after: &[PredictedRun]| {
             let (first, second, note) = drawn(before, after);

@@ -38,6 +38,8 @@ pub struct Outputs<'a> {
     pub page: Option<&'a Path>,
     /// The repaired model.
     pub model: Option<&'a Path>,
+    /// Whether that model holds no effect since none is named.
+    pub named_only: bool,
 }
 
 /// The example of the README is one that works.

@@ -226,6 +226,7 @@ fn next(content: &Content) -> Option<String> {
 /// The written files.
 fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
     let model = match content.answer {
+        _ if outputs.named_only => "Refitted model, without any effect",
         _ if content.is_unchanged() => "Model, unchanged",
         Answer::EffectFound => "Repaired model",
         _ if content.repaired => "Repaired model, without a name",

@@ -10,6 +10,7 @@ use softrig_formats::error::InputError;
 use softrig_formats::recording::{Recording, SegmentMeta};
 
 use crate::estimate::assemble::{Group, grouped};
+use crate::prediction::Prediction;
 use crate::statistics::rms;
 
 /// One run with the board's prediction.
@@ -25,6 +26,8 @@ pub struct PredictedRun {
     pub measured_deg: Vec<f64>,
     /// Predicted angle (°); NaN where the board predicted none.
     pub predicted_deg: Vec<f64>,
+    /// Set-point (°); NaN where there was none.
+    pub setpoint_deg: Vec<f64>,
 }
 
 impl PredictedRun {
@@ -51,22 +54,16 @@ impl PredictedRun {
     }
 
     fn of(recording: &Recording) -> Result<Self, InputError> {
-        let predicted = recording
-            .column("predicted_deg")
-            .filter(|column| column.iter().any(|value| value.is_finite()))
-            .ok_or_else(|| {
-                InputError::new(
-                    "has no column predicted_deg with numbers in it",
-                    "give recordings of `softrig record`: the board logs its prediction in them",
-                )
-                .in_file(&recording.path)
-            })?;
+        let predicted = Prediction::of_board().angles(recording)?;
         Ok(Self {
             name: recording.name.clone(),
             step: step((recording.meta.setpoint_deg, None), recording.meta.repeat),
             time_s: recording.time.clone(),
             measured_deg: recording.angle.iter().map(|a| a.to_degrees()).collect(),
-            predicted_deg: predicted,
+            predicted_deg: predicted.iter().map(|a| a.to_degrees()).collect(),
+            setpoint_deg: recording
+                .column("setpoint_deg")
+                .unwrap_or_else(|| vec![f64::NAN; recording.len()]),
         })
     }
 
@@ -83,6 +80,7 @@ impl PredictedRun {
             time_s: within.iter().map(|&row| self.time_s[row] - first).collect(),
             measured_deg: pick(&self.measured_deg),
             predicted_deg: pick(&self.predicted_deg),
+            setpoint_deg: pick(&self.setpoint_deg),
         }
     }
 
@@ -99,6 +97,39 @@ impl PredictedRun {
         let mut errors = self.errors();
         errors.retain(|error| error.is_finite());
         errors
+    }
+
+    /// Measured angle less set-point (°), where there was one.
+    fn tracking_errors(&self) -> impl Iterator<Item = f64> {
+        let both = self.measured_deg.iter().zip(&self.setpoint_deg);
+        both.map(|(measured, setpoint)| measured - setpoint)
+            .filter(|error| error.is_finite())
+    }
+
+    /// How far the angle went beyond its set-point after each step of it, in percent of the step. Ramps
+    /// and steps smaller than 5° are no steps here.
+    fn overshoots_percent(&self) -> Vec<f64> {
+        const LEAST_STEP_DEG: f64 = 5.0;
+        const HELD_S: f64 = 0.5;
+        let setpoint = &self.setpoint_deg;
+        let is_new = |row: &usize| (setpoint[*row] - setpoint[row - 1]).abs() >= LEAST_STEP_DEG;
+        let rows = (1..setpoint.len()).filter(is_new);
+        rows.filter_map(|row| {
+            let step = setpoint[row] - setpoint[row - 1];
+            let held = setpoint[row..]
+                .iter()
+                .take_while(|it| **it == setpoint[row])
+                .count();
+            let last = row + held - 1;
+            (self.time_s[last] - self.time_s[row] >= HELD_S).then(|| {
+                let beyond = self.measured_deg[row..=last]
+                    .iter()
+                    .map(|angle| (angle - setpoint[row]) / step)
+                    .fold(0.0, f64::max);
+                100.0 * beyond
+            })
+        })
+        .collect()
     }
 
     /// RMS error where the board predicted (°).
@@ -193,8 +224,48 @@ pub struct GapOf {
     pub rms_deg: f64,
     /// The largest of all (°).
     pub largest_deg: f64,
+    /// How the angle followed its set-points; none without any in degrees.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub tracking: Option<Tracking>,
     /// Each run.
     pub runs: Vec<RunError>,
+}
+
+/// How a rig followed set-points in degrees.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct Tracking {
+    /// RMS of measured angle less set-point (°).
+    pub rms_deg: f64,
+    /// The median of how far the angle went beyond the set-point after a step, in percent of the step;
+    /// none without steps.
+    pub overshoot_percent: Option<f64>,
+}
+
+impl Tracking {
+    fn of(runs: &[PredictedRun]) -> Option<Self> {
+        let errors: Vec<f64> = runs
+            .iter()
+            .flat_map(PredictedRun::tracking_errors)
+            .collect();
+        let mut overshoots: Vec<f64> = runs
+            .iter()
+            .flat_map(PredictedRun::overshoots_percent)
+            .collect();
+        overshoots.sort_by(f64::total_cmp);
+        (!errors.is_empty()).then(|| Self {
+            rms_deg: rms(&errors),
+            overshoot_percent: overshoots.get(overshoots.len() / 2).copied(),
+        })
+    }
+
+    /// In words: the error, and the overshoot.
+    fn words(self) -> String {
+        let error = format!("{:.2}° RMS", self.rms_deg);
+        match self.overshoot_percent {
+            Some(percent) => format!("{error} and an overshoot of {percent:.0} %"),
+            None => error,
+        }
+    }
 }
 
 impl GapOf {
@@ -212,6 +283,7 @@ impl GapOf {
                 .iter()
                 .map(PredictedRun::largest_deg)
                 .fold(0.0, f64::max),
+            tracking: Tracking::of(runs),
             runs: each.collect(),
         }
     }
@@ -228,6 +300,9 @@ pub struct BoardGap {
     pub after: Option<GapOf>,
     /// What the upload changed; none without recordings after it.
     pub sentence: Option<String>,
+    /// How the rig follows its set-points, before and after; none without set-points in degrees.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub tracking: Option<String>,
 }
 
 impl BoardGap {
@@ -235,8 +310,18 @@ impl BoardGap {
     pub fn of(before: &[PredictedRun], after: &[PredictedRun]) -> Self {
         let before = GapOf::runs(before);
         let after = (!after.is_empty()).then(|| GapOf::runs(after));
+        let tracking = match (before.tracking, after.as_ref().map(|it| it.tracking)) {
+            (Some(now), None) => Some(format!("Set-points are followed with {}.", now.words())),
+            (Some(before), Some(Some(after))) => Some(format!(
+                "Set-points are followed with {}, before the upload with {}.",
+                after.words(),
+                before.words()
+            )),
+            _ => None,
+        };
         Self {
             schema: 1,
+            tracking,
             sentence: after
                 .as_ref()
                 .map(|after| sentence(before.rms_deg, after.rms_deg)),
@@ -376,6 +461,32 @@ mod tests {
             .unwrap()
             .to_string();
         assert!(error.contains("predicted_deg"), "{error}");
+    }
+
+    #[test]
+    fn tracking_is_the_error_to_the_set_point_and_the_overshoot_of_its_steps() {
+        let rows = [
+            (0.0, 0.0, 0.0),
+            (1.0, 20.0, 0.0),
+            (2.0, 20.0, 24.0),
+            (3.0, 20.0, 20.0),
+        ];
+        let rows: String = rows
+            .iter()
+            .map(|(time, setpoint, angle)| format!("{time},0,{angle},1,{setpoint}\n"))
+            .collect();
+        let text = format!("time_s,pressure_kpa,angle_deg,predicted_deg,setpoint_deg\n{rows}");
+        let (run, _) = Recording::parse(&text, Path::new("run.csv")).unwrap();
+        let run = [PredictedRun::of(&run).unwrap()];
+        let tracking = GapOf::runs(&run).tracking.unwrap();
+        assert!((tracking.rms_deg - (416.0_f64 / 4.0).sqrt()).abs() < 1e-9);
+        let overshoot = tracking.overshoot_percent.unwrap();
+        assert!((overshoot - 20.0).abs() < 1e-9, "{overshoot}");
+        let said = BoardGap::of(&run, &run).tracking.unwrap();
+        assert!(
+            said.contains("10.20° RMS and an overshoot of 20 %, before"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -16,6 +16,7 @@ use crate::estimate::fit::{Effort, Residuals};
 use crate::estimate::fitter::Fitter;
 use crate::estimate::placement::without_law;
 use crate::estimate::unit_errors;
+use crate::prediction::Prediction;
 use crate::sim::linear::linear_rival;
 use crate::statistics::{mean, rms, squares_about_mean};
 
@@ -61,6 +62,23 @@ impl Comparison {
             groups,
             models,
         }
+    }
+
+    /// Adds somebody else's predictions of the same runs.
+    ///
+    /// # Errors
+    ///
+    /// Names a recording without any.
+    pub fn with_prediction(mut self, prediction: &Prediction) -> Result<Self, InputError> {
+        let residuals: Residuals = self
+            .runs
+            .iter()
+            .map(|run| prediction.residual(run))
+            .collect::<Result<_, _>>()?;
+        let name = prediction.column.clone();
+        let compared = Compared::of_residuals(name, residuals, &self.groups);
+        self.models.push(compared);
+        Ok(self)
     }
 }
 
@@ -133,14 +151,21 @@ pub struct Compared {
 }
 
 impl Compared {
-    /// Simulates the model over the sessions; its error against the mean of repeats is
-    /// the mean of its errors on each.
+    /// Simulates the model over the sessions.
     fn of(name: String, model: &Model<f64>, data: &Dataset, groups: &[Repeats]) -> Self {
         let residuals = Fitter::new(model, data).compare(model).residuals;
+        Self::of_residuals(name, residuals, groups)
+    }
+
+    /// By its residuals on each run: the error against the mean of repeats is the mean of the errors
+    /// on each. Samples without one do not count.
+    fn of_residuals(name: String, residuals: Residuals, groups: &[Repeats]) -> Self {
         let errors = groups
             .iter()
             .map(|group| {
-                let rms_deg = rms(&average(&group.of(&residuals))).to_degrees();
+                let mut error = average(&group.of(&residuals));
+                error.retain(|it| it.is_finite());
+                let rms_deg = rms(&error).to_degrees();
                 ModelError {
                     rms_deg,
                     percent: 100.0 * rms_deg / group.setpoint_deg.abs(),

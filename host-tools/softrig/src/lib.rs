@@ -7,6 +7,7 @@
 //! - [`diagnose`] names the effect that a model lacks.
 //! - [`first_model`] makes a model from recordings alone.
 //! - [`board_gap`] and [`comparison`] measure a model that is given.
+//! - [`prediction`] reads the angles of somebody else's simulation.
 //! - [`linear`] is a model for small motions about a rest.
 //! - [`synth`] makes recordings with a known answer.
 //! - [`statistics`] holds what several of these count by.
@@ -24,6 +25,7 @@ pub mod estimate;
 pub mod first_model;
 pub mod linear;
 pub mod portable;
+pub mod prediction;
 pub mod residual_analysis;
 pub mod sim;
 pub mod statistics;

@@ -128,13 +128,10 @@ impl CaseResult {
         (!rivals.is_empty()).then(|| rivals.join(" | "))
     }
 
-    /// The parameters of the named effects, as JSON.
-    fn parameters(&self) -> Option<String> {
+    /// What the named effects have under a key, as JSON.
+    fn of_effects(&self, key: &str) -> Option<String> {
         let effects = self.at("/effects")?.as_array()?;
-        let parameters: Vec<_> = effects
-            .iter()
-            .filter_map(|it| it.get("parameters"))
-            .collect();
+        let parameters: Vec<_> = effects.iter().filter_map(|it| it.get(key)).collect();
         (!parameters.is_empty()).then(|| serde_json::to_string(&parameters).unwrap_or_default())
     }
 }
@@ -164,7 +161,7 @@ pub fn columns(rows: &[CaseResult]) -> Vec<(&'static str, Cells)> {
         ("strength", text(&|row| row.text("/strength"))),
         ("family", text(&|row| row.text("/family"))),
         ("effects", text(&CaseResult::effects)),
-        ("parameters_json", text(&CaseResult::parameters)),
+        ("parameters_json", text(&|row| row.of_effects("parameters"))),
         ("alternatives", text(&CaseResult::alternatives)),
         ("probability", number("/effects/0/probability")),
         ("closure_overall", number("/closure/overall")),
@@ -193,6 +190,9 @@ pub fn columns(rows: &[CaseResult]) -> Vec<(&'static str, Cells)> {
         ),
         ("seconds", number("/seconds")),
         ("tool_version", text(&|row| row.text("/tool_version"))),
+        ("interval95_json", text(&|row| row.of_effects("interval95"))),
+        ("ended", text(&|row| row.text("/ended"))),
+        ("seed", number("/seed")),
     ]
 }
 
@@ -291,7 +291,10 @@ mod tests {
     fn a_table_is_read_back_with_its_gaps() {
         let verdict = serde_json::json!({
             "verdict": "effect_found",
-            "effects": [{"kind": "gravity", "parameters": {"force_n": 0.5}, "probability": 0.9}],
+            "effects": [{"kind": "gravity", "parameters": {"force_n": 0.5},
+                         "interval95": {"force_n": [0.4, 0.6]}, "probability": 0.9}],
+            "ended": "budget",
+            "seed": 7,
             "alternatives": [{"kinds": ["gravity"]}, {"kinds": ["end_stop", "leak"]}],
             "rmse_deg": {"nominal": 4.5},
             "upload": true,
@@ -339,6 +342,11 @@ mod tests {
         assert!((nominal - 4.5).abs() < 1e-12);
         assert!(read[0].get_bool(column("upload")).unwrap());
         assert_eq!(read[1].get_string(column("error")).unwrap(), "no such file");
+        let text = |name: &str| read[0].get_string(column(name)).unwrap().clone();
+        assert_eq!(text("ended"), "budget");
+        assert_eq!(text("interval95_json"), r#"[{"force_n":[0.4,0.6]}]"#);
+        let seed = read[0].get_double(column("seed")).unwrap();
+        assert!((seed - 7.0).abs() < 1e-12);
         assert!(read[1].get_string(effects).is_err(), "a gap");
     }
 }

@@ -16,6 +16,7 @@ use super::output::{self, FileKind, Output};
 use super::picture::PictureArgs;
 use softrig::comparison::{Comparison, Repeats, average, check_comparable, deviation};
 use softrig::estimate::assemble::assemble;
+use softrig::prediction::Prediction;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
@@ -34,11 +35,16 @@ use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style};
 Examples:
   softrig compare --model nominal.toml --model repaired.toml step60_*.csv step90_*.csv
   softrig compare --model nominal.toml --linear step60_*.csv      the paper's table
-  softrig compare --model nominal.toml --linear step*.csv --plot steps.svg     and its picture")]
+  softrig compare --model nominal.toml --linear step*.csv --plot steps.svg     and its picture
+  softrig compare --model nominal.toml --prediction theta_sim step*.csv        beside your own")]
 pub struct Args {
     /// Model file; repeat the flag for several [default: model in softrig.toml]
     #[arg(long = "model", value_name = "MODEL.toml")]
     models: Vec<PathBuf>,
+    /// Compare the angles in this column as well, which a simulation of yours gave (ARX, SOFA,
+    /// Simulink, an FMU): COLUMN, or COLUMN:rad. Then no model is needed
+    #[arg(long, value_name = "COLUMN[:UNIT]")]
+    prediction: Option<Prediction>,
     /// Recordings
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
@@ -94,6 +100,7 @@ fn layout(files: &[ModelFile], args: &Args) -> Result<Layout, InputError> {
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let models = match args.models.as_slice() {
+        [] if args.prediction.is_some() && !args.linear => Vec::new(),
         [] => vec![super::model::of_rig_file()?],
         named => named.to_vec(),
     };
@@ -119,7 +126,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     for concern in &assembled.concerns {
         super::warn(&concern.to_string());
     }
-    let comparison = Comparison::of(&files, &assembled.data, args.linear);
+    let mut comparison = Comparison::of(&files, &assembled.data, args.linear);
+    if let Some(prediction) = &args.prediction {
+        comparison = comparison.with_prediction(prediction)?;
+    }
     let mut text = table(&comparison);
     if let Some(path) = &args.output {
         write_atomically(path, csv_table(&comparison).as_bytes())?;

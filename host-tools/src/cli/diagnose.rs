@@ -14,10 +14,12 @@ use super::output::{self, FileKind, Output};
 use super::picture::PictureArgs;
 use super::watch::Watched;
 use crate::batch::{self, Batch, Share, manifest};
+use softrig::diagnose::decide::verdict::Verdict;
 use softrig::diagnose::score::grammar::is_name_of_term;
 use softrig::diagnose::{Budget, Diagnosis, Job, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
+use softrig::prediction::{Prediction, StandIn};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::{check_distinct, read_all_to_show};
@@ -47,6 +49,7 @@ Examples:
   softrig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
   softrig diagnose --model m.toml run.csv --no-formulas       effects with a name only
   softrig diagnose --model m.toml run.csv --without gravity   what would take its place?
+  softrig diagnose --model m.toml run.csv --prediction theta_sim     what your own simulation lacks
   softrig diagnose --model m.toml run.csv --resume fits       after an interruption
   softrig diagnose --model m.toml run.csv --budget 2min       what is found by then
   softrig diagnose --batch cases.csv -o out                   thousands of recordings
@@ -80,6 +83,14 @@ pub struct Args {
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = effect_or_term)]
     #[arg(conflicts_with = "batch")]
     without: Vec<String>,
+    /// Diagnose a simulation of yours, whose angles are in this column of the recordings: COLUMN, or
+    /// COLUMN:rad. --model says what moves; fitted to those angles, it stands in for your simulation
+    #[arg(
+        long,
+        value_name = "COLUMN[:UNIT]",
+        conflicts_with_all = ["output", "batch"]
+    )]
+    prediction: Option<Prediction>,
     /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
@@ -99,6 +110,9 @@ pub struct Args {
     /// the folder of all results
     #[arg(short, long, value_name = "REPAIRED.toml")]
     output: Option<PathBuf>,
+    /// Write with -o named effects only: where no effect is named, the refitted model
+    #[arg(long, requires = "output", conflicts_with = "batch")]
+    named_only: bool,
     /// Diagnose every case of a manifest, each into its own folder below -o. Cases with
     /// existing results are skipped
     #[arg(
@@ -261,6 +275,13 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         )?),
         None => None,
     };
+    let (stand_in, file) = match &args.prediction {
+        Some(prediction) => {
+            let (stand_in, file) = StandIn::of(&file, prediction, &mut recordings, &mut holdout)?;
+            (Some(stand_in), file)
+        }
+        None => (None, file),
+    };
     let request = Request {
         file: &file,
         recordings: &recordings,
@@ -285,8 +306,16 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     let diagnosis = diagnosis?;
     let seconds = clock.elapsed().as_secs_f64();
 
-    let content = Content::of(&request, &diagnosis);
+    let mut content = Content::of(&request, &diagnosis);
+    if let Some(stand_in) = &stand_in {
+        content.speak_of_simulation(stand_in);
+    }
+    let is_left_out = args.named_only && !diagnosis.is_named();
+    if is_left_out {
+        content.leave_out_unnamed();
+    }
     let mut outputs = Outputs {
+        named_only: is_left_out,
         verdict: args.json.file().map(PathBuf::as_path),
         ..Outputs::default()
     };
@@ -300,15 +329,26 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         outputs.picture = Some(path);
     }
     if let Some(path) = &args.output {
-        let text = diagnosis.model_text(&file);
+        let text = if args.named_only {
+            diagnosis.named_model_text(&file)
+        } else {
+            diagnosis.model_text(&file)
+        };
         write_atomically(path, text.as_bytes())?;
         outputs.model = Some(path);
     }
     // A reader of the summary that waits can be interrupted again.
     drop(writing);
     let text = summary(&content, &outputs, args.seed, seconds);
-    args.json
-        .deliver(&diagnosis.verdict(&request, seconds), &text)
+    let mut verdict = Verdict {
+        simulation: stand_in,
+        ..diagnosis.verdict(&request, seconds)
+    };
+    if is_left_out {
+        verdict.upload = false;
+        verdict.upload_refused = content.refused.clone();
+    }
+    args.json.deliver(&verdict, &text)
 }
 
 /// The picture of the runs that were asked for.

@@ -95,7 +95,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(path) => {
             let profiles = profiled(&file, &data, &fit);
             text += &format!("\n{}", profile_table(&profiles));
-            args.picture.write(path, &profile_figure(&file.name, &profiles))?;
+            args.picture
+                .write(path, &profile_figure(&file.name, &profiles))?;
             text += &format!("\npicture: {}\n", path.display());
             profiles
         }

@@ -120,5 +120,9 @@ fn table(gap: &BoardGap) -> String {
     if let Some(sentence) = &gap.sentence {
         text += &format!("\n{sentence}\n");
     }
+    if let Some(tracking) = &gap.tracking {
+        let apart = if gap.sentence.is_some() { "" } else { "\n" };
+        text += &format!("{apart}{tracking}\n");
+    }
     text
 }

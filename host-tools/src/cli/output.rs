@@ -136,9 +136,6 @@ pub fn check<'a>(
     let mut seen: Vec<PathBuf> = Vec::new();
     for output in outputs {
         let Some(path) = output.path else { continue };
-        if output.kind == FileKind::Picture {
-            Format::of(path)?.check(path)?;
-        }
         let folder = path.parent().unwrap_or(Path::new(""));
         if !folder.as_os_str().is_empty() && !folder.is_dir() {
             return Err(InputError::new(
@@ -190,6 +187,9 @@ pub fn check<'a>(
                 ),
             )
             .in_file(path));
+        }
+        if output.kind == FileKind::Picture {
+            Format::of(path)?.check(path)?;
         }
         seen.push(file);
     }

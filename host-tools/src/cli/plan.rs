@@ -1,6 +1,6 @@
 //! `softrig plan`: the run that best separates two explanations.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use model_core::actuator::Model;
@@ -26,13 +26,14 @@ use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::fitter::Fitter;
 use softrig::estimate::unit_errors;
 use softrig::estimate::{Dataset, Nuisance};
-use softrig::sim::protocol::Protocol;
+use softrig::sim::protocol::{Play, Protocol, play};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::family::names;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{evidence, tidy};
 use softrig_formats::own_effects::OwnEffects;
-use softrig_formats::recording::Recording;
+use softrig_formats::protocol_file::ProtocolFile;
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 
 /// Finds the run that separates two effects, within the limits of the rig, and
 /// writes it as a protocol file that `softrig record` plays.
@@ -43,6 +44,7 @@ use softrig_formats::recording::Recording;
 #[command(after_help = "\
 Examples:
   softrig plan --model m.toml --between coulomb_friction,bouc_wen_hysteresis run.csv -o next.toml
+  softrig plan --model m.toml --between gravity,exponent_shift run.csv -o next.csv   a rig of yours
   softrig plan --model m.toml --between gravity,exponent_shift --limits deg=60,kpa=80,s=60
   softrig plan --model m.toml --between term_angle_5,cubic_stiffness run.csv")]
 pub struct Args {
@@ -63,8 +65,9 @@ pub struct Args {
     /// Noise of the angle (° RMS) [default: from the recordings, or 0.4]
     #[arg(long, value_name = "DEG")]
     noise_deg: Option<f64>,
-    /// Write the best run as a protocol file, if it decides
-    #[arg(short, long, value_name = "PROTOCOL.toml")]
+    /// Write the best run, if it decides: as a protocol file, or by the name of a .csv as the
+    /// pressure over the time, for a rig that softrig does not drive
+    #[arg(short, long, value_name = "PROTOCOL.toml|PRESSURE.csv")]
     output: Option<PathBuf>,
     /// Write it although it does not decide
     #[arg(long, requires = "output")]
@@ -94,9 +97,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let model = args.model.find()?;
     let read = args.recordings.iter().chain([&model]);
     let read = read.chain(&args.effects);
+    let kind = match &args.output {
+        Some(path) if is_table(path) => FileKind::Recording,
+        _ => FileKind::Protocol,
+    };
     output::check(
         &[
-            Output::of("-o", FileKind::Protocol, args.output.as_ref()),
+            Output::of("-o", kind, args.output.as_ref()),
             args.json.output(),
         ],
         read,
@@ -145,12 +152,20 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += NOTHING_DECIDES;
     }
     if let Some(path) = args.output.as_ref().filter(|_| decides || args.force) {
-        write_atomically(path, best.protocol.to_text().as_bytes())?;
-        let path = path.display();
-        text += &format!(
-            "Protocol: {path}\nNext: {}softrig record --port PORT --plan {path} -o next.csv\n",
-            best.protocol.setup.instruction()
-        );
+        let instruction = best.protocol.setup.instruction();
+        if is_table(path) {
+            write_atomically(path, pressures(&best.protocol, &file).as_bytes())?;
+            text += &format!(
+                "Pressure: {}\nNext: {instruction}play it on your rig, and record pressure and angle\n",
+                path.display()
+            );
+        } else {
+            write_atomically(path, best.protocol.to_text().as_bytes())?;
+            let path = path.display();
+            text += &format!(
+                "Protocol: {path}\nNext: {instruction}softrig record --port PORT --plan {path} -o next.csv\n",
+            );
+        }
     }
     args.json.deliver(&plan, &text)?;
     if args.output.is_some() && !decides && !args.force {
@@ -161,6 +176,25 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         .into());
     }
     Ok(())
+}
+
+/// Whether a file is to hold the pressure over the time.
+fn is_table(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|it| it.eq_ignore_ascii_case("csv"))
+}
+
+/// The pressure of a protocol over the time as CSV, for rigs that play a table. Set-points in degrees
+/// become the pressure that reaches them in the model.
+fn pressures(protocol: &ProtocolFile, file: &ModelFile) -> String {
+    let Play { time, pressure, .. } =
+        play(protocol, &file.model, u32::from(wire::telemetry::RATE_HZ));
+    let mut text = "time_s,pressure_kpa\n".to_owned();
+    for (time, pressure) in time.iter().zip(pressure) {
+        let kpa = tidy(pressure / PASCAL_PER_KPA);
+        text += &format!("{time:.3},{kpa}\n");
+    }
+    text
 }
 
 /// What `softrig plan --json` writes.

@@ -1,6 +1,6 @@
 //! `softrig residuals`: what a model leaves of recordings, as control engineers look at it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use schemars::JsonSchema;
@@ -12,14 +12,18 @@ use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::picture::PictureArgs;
 use softrig::comparison::check_comparable;
+use softrig::estimate::Dataset;
 use softrig::estimate::assemble::assemble;
 use softrig::estimate::filter::Pace;
 use softrig::estimate::fitter::Fitter;
+use softrig::prediction::Prediction;
 use softrig::residual_analysis::{Ahead, Distribution, errors_ahead};
+use softrig::statistics::rms;
+use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{percent, short};
-use softrig_formats::recording::Recording;
+use softrig_formats::recording::{Recording, read_all};
 use softrig_report::correlation::{Correlation, Correlations, Level, RunResiduals};
 use softrig_report::html::STYLE;
 use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string};
@@ -33,10 +37,15 @@ use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_stri
 #[command(after_help = "\
 Examples:
   softrig residuals --model m.toml step60_*.csv
+  softrig residuals --prediction theta_sim step60_*.csv      what your own simulation leaves
   softrig residuals --model m.toml step60_*.csv --report residuals.html --json residuals.json")]
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
+    /// Analyse what a simulation of yours leaves, whose angles are in this column: COLUMN, or
+    /// COLUMN:rad
+    #[arg(long, value_name = "COLUMN[:UNIT]", conflicts_with = "model")]
+    prediction: Option<Prediction>,
     /// Recordings
     #[arg(required = true, value_name = "REC.csv")]
     recordings: Vec<PathBuf>,
@@ -141,8 +150,11 @@ impl Lagged {
 ///
 /// Faults of the input, with place and remedy.
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let model = args.model.find()?;
-    let read = args.recordings.iter().chain([&model]);
+    let model = match &args.prediction {
+        Some(_) => None,
+        None => Some(args.model.find()?),
+    };
+    let read = args.recordings.iter().chain(&model);
     args.picture.check("--plot", args.plot.as_ref())?;
     output::check(
         &[
@@ -152,8 +164,18 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         ],
         read,
     )?;
-    let (file, recordings) = super::read(&model, &args.recordings, &args.input)?;
-    let (analysis, warnings) = Analysis::of(&file, &recordings)?;
+    let (analysis, warnings) = match (&model, &args.prediction) {
+        (None, Some(prediction)) => {
+            let layout = args.input.layout_over(&Layout::default())?;
+            let recordings = read_all(&args.recordings, &layout, super::warn)?;
+            Analysis::of_prediction(prediction, &recordings)?
+        }
+        (model, _) => {
+            let model = model.as_deref().unwrap_or(Path::new(""));
+            let (file, recordings) = super::read(model, &args.recordings, &args.input)?;
+            Analysis::of(&file, &recordings)?
+        }
+    };
     for warning in &warnings {
         super::warn(warning);
     }
@@ -191,16 +213,68 @@ impl Analysis {
         warnings.extend(assembled.concerns.iter().map(ToString::to_string));
         let data = &assembled.data;
         let fit = Fitter::new(&file.model, data).compare(&file.model);
+        let ahead = errors_ahead(&fit, data);
+        let analysis = Self::of_residuals(&file.name, &fit.residuals, data, ahead)
+            .map_err(|error| error.in_file(&file.path))?;
+        let rmse_deg = fit.rmse().to_degrees();
+        Ok((
+            Self {
+                rmse_deg,
+                ..analysis
+            },
+            warnings,
+        ))
+    }
+
+    /// The same of somebody else's predictions, which say nothing about a time ahead.
+    ///
+    /// # Errors
+    ///
+    /// Refuses recordings that cannot be used, or that have no such predictions.
+    fn of_prediction(
+        prediction: &Prediction,
+        recordings: &[Recording],
+    ) -> Result<(Self, Vec<String>), InputError> {
+        let assembled = assemble(recordings, &[])?;
+        let warnings = assembled.concerns.iter().map(ToString::to_string).collect();
+        let data = &assembled.data;
+        let residuals: Vec<Vec<f64>> = data
+            .fitted()
+            .map(|segment| prediction.residual(&segment.recording))
+            .collect::<Result<_, _>>()?;
+        let analysis = Self::of_residuals(&prediction.column, &residuals, data, Vec::new())?;
+        Ok((analysis, warnings))
+    }
+
+    /// Of residuals (rad), one series a fitted segment; NaN where there is none.
+    fn of_residuals(
+        name: &str,
+        residuals: &[Vec<f64>],
+        data: &Dataset,
+        ahead: Vec<Ahead>,
+    ) -> Result<Self, InputError> {
         let silences: Vec<Vec<bool>> = data
             .fitted()
-            .map(|segment| {
-                data.sessions()[segment.session].silence()[segment.range.clone()].to_vec()
+            .zip(residuals)
+            .map(|(segment, residual)| {
+                let silence = &data.sessions()[segment.session].silence()[segment.range.clone()];
+                let both = silence.iter().zip(residual);
+                both.map(|(silent, it)| *silent || !it.is_finite())
+                    .collect()
+            })
+            .collect();
+        let residuals: Vec<Vec<f64>> = residuals
+            .iter()
+            .map(|run| {
+                run.iter()
+                    .map(|it| if it.is_finite() { *it } else { 0.0 })
+                    .collect()
             })
             .collect();
         let runs: Vec<RunResiduals<'_>> = data
             .fitted()
             .zip(&silences)
-            .zip(fit.residuals.iter())
+            .zip(&residuals)
             .map(|((segment, silent), residual)| RunResiduals {
                 time: &segment.recording.time,
                 residual,
@@ -213,7 +287,6 @@ impl Analysis {
                 "the model leaves nothing of these recordings, to the last digit",
                 "name recordings that were measured and not simulated with it",
             )
-            .in_file(&file.path)
         })?;
         let usable: Vec<f64> = runs
             .iter()
@@ -221,20 +294,19 @@ impl Analysis {
             .filter(|(_, silent)| !**silent)
             .map(|(residual, _)| *residual)
             .collect();
-        let analysis = Self {
+        Ok(Self {
             schema: SCHEMA,
-            model: file.name.clone(),
+            model: name.to_owned(),
             samples: usable.len(),
-            rmse_deg: fit.rmse().to_degrees(),
+            rmse_deg: rms(&usable).to_degrees(),
             with_itself: Lagged::of(&correlations.own, correlations.own.is_white(Level::P99)),
             with_pressure: correlations
                 .with_input
                 .as_ref()
                 .map(|it| Lagged::of(it, !it.is_beyond_chance())),
-            ahead: errors_ahead(&fit, data),
+            ahead,
             distribution: Distribution::of(&usable),
-        };
-        Ok((analysis, warnings))
+        })
     }
 
     /// The findings, a sentence each.
@@ -276,6 +348,9 @@ impl Analysis {
 
     fn text(&self) -> String {
         let mut text = self.sentences().join("\n") + "\n";
+        if self.ahead.is_empty() {
+            return text;
+        }
         text += &format!(
             "\n{:>10} {:>10} {:>14}\n",
             "k (samples)", "s", "RMS error (°)"
@@ -300,17 +375,19 @@ impl Analysis {
         if let Some(with_pressure) = &self.with_pressure {
             figure = figure.with_panel(with_pressure.panel("Residual with the pressure"));
         }
-        figure = figure.with_panel(
-            Panel::new("time ahead (s)", "RMS error (°)")
-                .with_decades()
-                .with_title("Prediction error over the time ahead")
-                .with_series(Series::new(
-                    "",
-                    &of(|it| it.seconds.log10()),
-                    &of(|it| it.rmse_deg),
-                    Style::AFTER,
-                )),
-        );
+        if !self.ahead.is_empty() {
+            figure = figure.with_panel(
+                Panel::new("time ahead (s)", "RMS error (°)")
+                    .with_decades()
+                    .with_title("Prediction error over the time ahead")
+                    .with_series(Series::new(
+                        "",
+                        &of(|it| it.seconds.log10()),
+                        &of(|it| it.rmse_deg),
+                        Style::AFTER,
+                    )),
+            );
+        }
         let Some(it) = &self.distribution else {
             return figure;
         };

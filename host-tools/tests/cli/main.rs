@@ -15,6 +15,7 @@ mod init;
 mod machines;
 mod models;
 mod outputs;
+mod own_simulation;
 #[path = "../common/schema.rs"]
 mod schema;
 mod simulate;

@@ -319,3 +319,30 @@ fn a_reader_that_has_seen_enough_is_no_fault() {
     // What was asked for was written all the same.
     assert!(bench.path("fitted.toml").exists() && bench.path("table.csv").exists());
 }
+
+/// The extension of a picture says its format, and the look of one needs one.
+#[test]
+fn a_picture_in_a_format_that_is_not_written_is_refused() {
+    let bench = Bench::new();
+    let simulate = "simulate --model m.toml --protocol step";
+    for name in ["fig.jpg", "fig.eps", "fig"] {
+        bench.refuses(
+            &format!("{simulate} --plot {name}"),
+            &[name, ".svg, .pdf or .png"],
+        );
+    }
+    bench.refuses(
+        &format!("{simulate} --width 89mm"),
+        &["no picture", "--plot"],
+    );
+    bench.fails(
+        &format!("{simulate} --plot fig.svg --width 89"),
+        &["89mm, 3.5in"],
+    );
+    bench.prints(&format!(
+        "{simulate} --plot fig.svg --width 89mm --panels pressure"
+    ));
+    let picture = bench.text("fig.svg");
+    assert!(picture.contains("width=\"89mm\""), "{picture}");
+    assert!(picture.contains("pressure (kPa)") && !picture.contains("angle (°)"));
+}

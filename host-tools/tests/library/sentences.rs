@@ -40,6 +40,17 @@ fn rivals(families: &[Family], strength: Strength) -> Finding {
     }
 }
 
+/// Two explanations that have an effect in common.
+fn related(second: &[Kind]) -> Finding {
+    Finding::Rivals {
+        rivals: [&[CoulombFriction, Gravity], second]
+            .map(explanation)
+            .to_vec(),
+        families: Vec::new(),
+        strength: Explains,
+    }
+}
+
 fn trace(strength: Strength) -> Finding {
     Finding::Trace {
         explanation: explanation(&[CoulombFriction]),
@@ -110,6 +121,18 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
             rivals(&[], Explains),
             format!(
                 "Something is missing, but these recordings cannot tell apart {leak} with {gravity} and {creep}."
+            ),
+        ),
+        (
+            related(&[CoulombFriction, MaxwellBranch]),
+            format!(
+                "The model lacks {friction}, and {gravity} or {creep}; these recordings cannot tell which."
+            ),
+        ),
+        (
+            related(&[CoulombFriction]),
+            format!(
+                "The model lacks {friction}, and perhaps {gravity}; these recordings cannot tell which."
             ),
         ),
         (

@@ -62,7 +62,11 @@ impl Printer for Print {
             width_px as f32 / size.width(),
             height_px as f32 / size.height(),
         ];
-        resvg::render(&tree, Transform::from_scale(across, down), &mut pixels.as_mut());
+        resvg::render(
+            &tree,
+            Transform::from_scale(across, down),
+            &mut pixels.as_mut(),
+        );
         encoded(&pixels, dots_per_inch).map_err(|error| defect(&error.to_string()))
     }
 }

@@ -11,7 +11,7 @@ use library::estimate::checkpoint::Checkpoint;
 use library::estimate::placement::with_tip_load;
 use minijinja::value::Serde;
 use minijinja::{Environment, context};
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyTuple;
@@ -23,8 +23,8 @@ use softrig_formats::recording;
 use softrig_report::Outputs;
 use softrig_report::content::Content;
 use softrig_report::html::page;
-use softrig_report::pictures::figure;
-use softrig_report::plot::write_svg;
+use softrig_report::pictures::{figure, figure_of_runs};
+use softrig_report::plot::{Look, write};
 use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, Provenance, Source, today};
 use softrig_report::runs::runs;
 use softrig_report::terminal::{KEEP, summary};
@@ -142,14 +142,34 @@ impl Diagnosis {
         write_atomically(&path, text.as_bytes()).or_raise(py)
     }
 
-    /// Draws measured, before and after: with a path as the SVG of `softrig diagnose --plot`, without
-    /// one on matplotlib's axes, an array with one a run.
-    #[pyo3(signature = (path = None))]
+    /// Draws measured, before and after: with a path as the picture of `softrig diagnose --plot`, as
+    /// SVG, PDF or PNG by its extension, without one on matplotlib's axes, an array with one a run.
+    #[pyo3(signature = (path = None, *, width = None, font_size = None, headline = None, panels = None,
+                        runs = None, colours = None))]
+    #[allow(clippy::too_many_arguments)] // They are keywords in Python.
     fn plot<'py>(
         &self,
         py: Python<'py>,
         path: Option<PathBuf>,
+        width: Option<String>,
+        font_size: Option<f64>,
+        headline: Option<bool>,
+        panels: Option<Vec<String>>,
+        runs: Option<Vec<String>>,
+        colours: Option<String>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let look = || -> Result<Look, String> {
+            Ok(Look {
+                width: width.map(|it| it.parse()).transpose()?,
+                font_pt: font_size
+                    .map(|it| Look::font_size(&it.to_string()))
+                    .transpose()?,
+                headline,
+                panels: panels.unwrap_or_default(),
+                colours: colours.map(|it| it.parse()).transpose()?,
+            })
+        };
+        let look = look().map_err(PyValueError::new_err)?;
         let Some(path) = path else {
             let runs = self.make_runs();
             let curves: Vec<Curves<'_>> = runs
@@ -166,8 +186,11 @@ impl Diagnosis {
         };
         self.check(&Output::of("plot", FileKind::Picture, Some(&path)))
             .or_raise(py)?;
-        py.detach(|| write_svg(&path, &figure(&self.found)))
-            .map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
+        let chosen = match runs {
+            Some(names) => figure_of_runs(&self.found, &names).or_raise(py)?,
+            None => figure(&self.found),
+        };
+        py.detach(|| write(&path, &chosen, &look)).or_raise(py)?;
         Ok(None)
     }
 
@@ -175,6 +198,16 @@ impl Diagnosis {
     fn __str__(&self) -> String {
         let nothing = Outputs::default();
         summary(&self.content, &nothing, self.seed, self.seconds).replace(KEEP, KEEP_HERE)
+    }
+
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __repr__(&self) -> PyResult<String> {

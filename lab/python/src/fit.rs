@@ -264,6 +264,16 @@ impl Fit {
         table(&self.given, &self.refit)
     }
 
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<softrig.Fit: RMS error {:.3}° → {:.3}°>",

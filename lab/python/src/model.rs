@@ -170,6 +170,12 @@ impl Model {
         self.with(py, &self.file.text_with(&model, ""))
     }
 
+    /// For pickle and copy: the text of its file, so that other processes need no file.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let parse = py.get_type::<Self>().getattr("from_toml")?;
+        Ok((parse, (self.file.text().to_owned(),)))
+    }
+
     fn __repr__(&self) -> String {
         let parameters: Vec<String> = self
             .values()

@@ -172,6 +172,16 @@ impl Recording {
         self.inner.len()
     }
 
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "<softrig.Recording {:?}: {} samples over {:.2} s>",

@@ -149,6 +149,12 @@ def test_the_report_says_what_it_was_made_from(
     assert "softrig.diagnose(softrig.Model.read(" in text
     diagnosis.plot(tmp_path / "gap.svg")
     assert (tmp_path / "gap.svg").read_text().startswith("<svg")
+    diagnosis.plot(tmp_path / "gap.pdf", width="89mm", panels=["angle"])
+    assert (tmp_path / "gap.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(softrig.InputError, match=r"\.svg, \.pdf or \.png"):
+        diagnosis.plot(tmp_path / "gap.jpg")
+    with pytest.raises(ValueError, match="89mm"):
+        diagnosis.plot(tmp_path / "gap.pdf", width="wide")
     before = paths[0].read_bytes()
     writers: list[Callable[[Path], object]] = [diagnosis.report, diagnosis.plot]
     for write in writers:

@@ -116,6 +116,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         verdict: Some(report),
         picture: Some(report),
         model: Some(report),
+        ..Outputs::default()
     };
     Report {
         answer: diagnosis.finding.answer(),

@@ -27,6 +27,7 @@ use softrig::diagnose::decide::verdict::Answer;
 use softrig::diagnose::score::steps::StepGap;
 use softrig::diagnose::work::budget::Ended;
 use softrig::diagnose::{Diagnosis, Request, Upload};
+use softrig::prediction::StandIn;
 
 /// The content of a diagnosis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -88,6 +89,31 @@ pub struct Content {
 }
 
 impl Content {
+    /// Says that the written model has no effect, since none is named (`--named-only`).
+    pub fn leave_out_unnamed(&mut self) {
+        self.upload = false;
+        self.refused = Some(
+            "No effect is named, so the written model has none: it is refitted alone. Without \
+             --named-only it holds what lowers the error."
+                .into(),
+        );
+    }
+
+    /// Says the same of somebody else's simulation, for which the model stands in.
+    pub fn speak_of_simulation(&mut self, stand_in: &StandIn) {
+        for model in ["The model", "the model"] {
+            let simulation = format!("{} simulation in {}", &model[..3], stand_in.column);
+            self.sentence = self.sentence.replace(model, &simulation);
+        }
+        let about = Notice {
+            about: Some(stand_in.column.clone()),
+            text: stand_in.caveat.clone(),
+            advice: "what is called measured here is that model's motion plus this residual"
+                .to_owned(),
+        };
+        self.notices.insert(0, about);
+    }
+
     /// Puts a diagnosis into words.
     pub fn of(request: &Request<'_>, diagnosis: &Diagnosis) -> Self {
         let repaired = !diagnosis.repaired.added.is_empty();

@@ -1,12 +1,12 @@
 //! The verdict in one sentence, and the two or three below it: the evidence, and what to do.
 
-use model_core::catalogue::Effect;
+use model_core::catalogue::{Effect, Kind};
 use model_core::effects::custom::Custom;
 
 use super::rivals::next_suffices;
-use super::words::{combined, in_words, listed, titles, with_capital};
+use super::words::{combined, either, in_words, listed, titles, with_capital};
 use softrig::diagnose::Diagnosis;
-use softrig::diagnose::decide::finding::Finding;
+use softrig::diagnose::decide::finding::{Explanation, Finding};
 use softrig::diagnose::decide::verdict::Strength;
 use softrig::diagnose::score::grammar::is_term;
 use softrig::diagnose::search::selection::{FittedStructure, RIVALS_PLANNED};
@@ -84,6 +84,31 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             rivals,
             families,
             strength,
+        } if !common(rivals).is_empty() => {
+            let common = common(rivals);
+            let rest = |rival: &Explanation| -> String {
+                let mut kinds = rival.kinds.clone();
+                kinds.retain(|kind| !common.contains(kind));
+                combined(&kinds)
+            };
+            let rest: Vec<String> = rivals.iter().map(rest).collect();
+            let named: Vec<&String> = rest.iter().filter(|it| !it.is_empty()).collect();
+            let perhaps = if named.len() < rest.len() {
+                "perhaps "
+            } else {
+                ""
+            };
+            format!(
+                "The model lacks {}, and {perhaps}{}{}; these recordings cannot tell which.",
+                titles(&common),
+                either(&named),
+                of_the_error(*strength)
+            )
+        }
+        Finding::Rivals {
+            rivals,
+            families,
+            strength,
         } => {
             let rivals: Vec<String> = rivals.iter().map(|rival| combined(&rival.kinds)).collect();
             let rivals = listed(&rivals);
@@ -118,6 +143,18 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             _ => "Something is missing, and it is none of the effects that are known.".into(),
         },
     }
+}
+
+/// The effects that all of several explanations have.
+fn common(rivals: &[Explanation]) -> Vec<Kind> {
+    let Some((first, others)) = rivals
+        .split_first()
+        .filter(|(_, others)| !others.is_empty())
+    else {
+        return Vec::new();
+    };
+    let in_all = |kind: &Kind| others.iter().all(|rival| rival.kinds.contains(kind));
+    first.kinds.iter().copied().filter(in_all).collect()
 }
 
 /// The named effect, if it is a formula beyond the catalogue.

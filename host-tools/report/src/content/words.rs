@@ -34,6 +34,16 @@ pub(super) fn listed(items: &[impl AsRef<str>]) -> String {
     }
 }
 
+/// "a, b or c".
+pub(super) fn either(items: &[impl AsRef<str>]) -> String {
+    let items: Vec<&str> = items.iter().map(AsRef::as_ref).collect();
+    match items.as_slice() {
+        [] => String::new(),
+        [only] => (*only).to_owned(),
+        [head @ .., last] => format!("{} or {last}", head.join(", ")),
+    }
+}
+
 pub(super) fn with_capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| {

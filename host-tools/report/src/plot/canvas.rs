@@ -9,7 +9,7 @@ use std::fmt::Display;
 use super::look::{Colours, Length};
 use super::rectangle::Rectangle;
 use super::style::Colour;
-use super::{Mark, Role};
+use super::{Mark, Role, Style};
 use softrig_formats::terminal::printable_line;
 
 const FONT: &str = "Helvetica, Arial, Liberation Sans, sans-serif";
@@ -122,10 +122,16 @@ fn listed(points: &[(f64, f64)]) -> String {
 
 impl Canvas {
     /// The colour of a curve on this medium.
-    pub(super) fn colour(&self, role: Role) -> Colour {
-        match self.medium {
-            Medium::Print(Colours::Print) => role.colour_in_print(),
-            _ => role.colour(),
+    pub(super) fn colour(&self, style: Style) -> Colour {
+        match (self.medium, style.mark) {
+            // A curve of its own, which the light grey behind others would lose.
+            (Medium::Print(Colours::Print), Mark::Line | Mark::Thin)
+                if style.role == Role::Measured =>
+            {
+                Role::Reference.colour_in_print()
+            }
+            (Medium::Print(Colours::Print), _) => style.role.colour_in_print(),
+            _ => style.role.colour(),
         }
     }
 
@@ -187,11 +193,16 @@ impl Canvas {
 
     pub(super) fn polygon(&mut self, corners: &[(f64, f64)], colour: Colour) {
         let opacity = self.opacity();
+        // Print loses the faintest greys.
+        let share = match self.medium {
+            Medium::Print(Colours::Print) => 0.4,
+            _ => 0.22,
+        };
         self.element(
             "polygon",
             &[
                 ("fill", &colour),
-                (opacity, &0.22),
+                (opacity, &share),
                 ("points", &listed(corners)),
             ],
         );

@@ -35,7 +35,7 @@ impl Placed {
     }
 
     pub(super) fn draw_series(&self, series: &Series, canvas: &mut Canvas) {
-        let colour = canvas.colour(series.style.role);
+        let colour = canvas.colour(series.style);
         match series.style.mark {
             Mark::Points => {
                 let inside: Vec<(f64, f64)> = series

@@ -50,7 +50,7 @@ pub(super) fn legend_rows(panel: &Panel, width: f64) -> Vec<Vec<LegendEntry>> {
 
 /// A short piece of what the entry stands for.
 pub(super) fn draw_sample(style: Style, (x, y): (f64, f64), canvas: &mut Canvas) {
-    let colour = canvas.colour(style.role);
+    let colour = canvas.colour(style);
     match style.mark {
         Mark::Points => [4.0, 12.0, 20.0]
             .into_iter()

@@ -17,7 +17,7 @@ use softrig_formats::numbers::short;
 
 use super::canvas::{Medium, Size};
 use super::layout::WIDTHS_PX;
-use super::text::LABEL_PX;
+use super::text::{LABEL_PX, Weight, text_width};
 use super::{Figure, Panel, drawn};
 
 /// Pixels of an inch, as in SVG and style sheets.
@@ -168,7 +168,8 @@ impl FromStr for Length {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let refused = || "give a length with its unit, such as 89mm, 3.5in, 252pt or 800px".to_owned();
+        let refused =
+            || "give a length with its unit, such as 89mm, 3.5in, 252pt or 800px".to_owned();
         let text = text.trim();
         let (unit, number) = UNITS
             .iter()
@@ -359,6 +360,14 @@ fn resized(mut figure: Figure, width: f64) -> Figure {
     let after = width / figure.columns.max(1) as f64;
     figure.row_height_px *= (after / before).clamp(LOWEST_ROW, 1.0);
     figure.width_px = width;
+    for panel in &mut figure.panels {
+        // A word of the label beside it is not broken.
+        let words = panel.y_label.split_whitespace();
+        let longest = words
+            .map(|word| text_width(word, LABEL_PX, Weight::Regular))
+            .fold(0.0, f64::max);
+        panel.weight = panel.weight.max(longest / figure.row_height_px);
+    }
     figure
 }
 

@@ -230,7 +230,8 @@ fn list(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     let all_rows = PredictorFit::new(&TABLE_I)?;
     let unseen = leave_one_out(&TABLE_I)?;
     if let Some(path) = &args.plot {
-        args.picture.write(path, &pictures::predictor_figure(&predictor, &unseen))?;
+        args.picture
+            .write(path, &pictures::predictor_figure(&predictor, &unseen))?;
     }
     let source = format!("{SOURCE}, Tables I and II");
     let value = json::List::new(source, &predictor, &all_rows, unseen);
@@ -506,7 +507,8 @@ fn fit_one(
     let notes = fit.notes(curve);
     if let Some(path) = &args.plot {
         let sentence = with_capital(&fit.choice_sentence());
-        args.picture.write(path, &pictures::curve_figure(curve, fit, &sentence))?;
+        args.picture
+            .write(path, &pictures::curve_figure(curve, fit, &sentence))?;
     }
     let value = json::Curve::new(args.paper, curve, fit);
     if !deliver_json(args.json.as_deref(), &value, out)? {

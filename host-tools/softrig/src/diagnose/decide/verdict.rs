@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::diagnose::evidence::measure::Closure;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
+use crate::prediction::StandIn;
 use softrig_formats::bounded::read_text;
 use softrig_formats::error::InputError;
 use softrig_formats::left_out::LeftOut;
@@ -84,8 +85,15 @@ pub struct Verdict {
     /// than the supplied one, on the board as well, and a board can run it.
     #[serde(default)]
     pub upload: bool,
+    /// Why the model that `-o` writes is not worth an upload although it predicts better on the computer.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub upload_refused: Option<String>,
     /// Runs that would separate the remaining rivals.
     pub next_experiment: Vec<Experiment>,
+    /// What is said to lack something, where that is not the model but somebody else's simulation, known
+    /// by its predictions alone.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub simulation: Option<StandIn>,
     /// What ended the search early; absent if it was completed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ended: Option<EndedBy>,

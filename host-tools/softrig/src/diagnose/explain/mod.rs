@@ -210,6 +210,11 @@ impl Diagnosis {
             },
             nuisance: self.zeros(),
             upload: self.upload(request.file) == Upload::Worth,
+            upload_refused: match self.upload(request.file) {
+                Upload::Refused(why) => Some(why),
+                Upload::Worth | Upload::Unchanged => None,
+            },
+            simulation: None,
             next_experiment: self
                 .proposals
                 .iter()

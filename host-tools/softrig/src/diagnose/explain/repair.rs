@@ -54,6 +54,26 @@ impl Diagnosis {
         nominal.text_with(self.model_to_keep(nominal), &format!("# {what}\n"))
     }
 
+    /// Whether what `-o` adds has a name: an effect, or nothing where nothing is missing.
+    pub fn is_named(&self) -> bool {
+        matches!(self.finding, Finding::Quiet { .. } | Finding::Named { .. })
+    }
+
+    /// The text of that model file with named effects alone: where none is named, the refitted model,
+    /// or the nominal one if that predicts validation runs better.
+    pub fn named_model_text(&self, nominal: &ModelFile) -> String {
+        if self.is_named() {
+            return self.model_text(nominal);
+        }
+        let is_better = self.held_out.refit < self.held_out.nominal;
+        let model = if is_better {
+            &self.refit.model
+        } else {
+            &nominal.model
+        };
+        nominal.text_with(model, "")
+    }
+
     /// Whether the repaired model predicts held-out runs better than the nominal one.
     pub fn is_better(&self) -> bool {
         self.finding.answer() != Answer::NoDiscrepancy

@@ -12,7 +12,6 @@ use std::time::Duration;
 use model_core::catalogue::Kind;
 
 use crate::diagnose::work::policy::Policy;
-use softrig_formats::family::{names, of_all, title};
 use softrig_formats::instant::Instant;
 use softrig_formats::numbers::duration;
 use softrig_formats::numbers::{degrees, percent};
@@ -344,9 +343,10 @@ impl Best {
 
 impl fmt::Display for Best {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let families = title(&of_all(&self.kinds));
-        let effects = names(&self.kinds).join(" + ");
-        write!(f, "{families} ({effects}), leaves {}", degrees(self.leaves))?;
+        // As the verdict names them.
+        let effects: Vec<&str> = self.kinds.iter().map(|kind| kind.info().title).collect();
+        let effects = effects.join(" and ");
+        write!(f, "{effects}, leaves {}", degrees(self.leaves))?;
         if let Some(of) = self.of {
             write!(f, " of {}", degrees(of))?;
         }
@@ -414,11 +414,7 @@ impl State {
             (None, None) => return "no explanation so far".into(),
         };
         if let Some(kind) = self.known.leads {
-            let family = title(&of_all(&[kind]));
-            text += &format!(
-                "; that looks most like {family} ({})",
-                names(&[kind]).join(" + ")
-            );
+            text += &format!("; that looks most like {}", kind.info().title);
         }
         text
     }
@@ -571,7 +567,7 @@ mod tests {
             state.to_string(),
             "27 effects at several horizons: screening; 12 of 54 fits (63 in all), \
              3 min 20 s so far, this step about 80 s more; \
-             best so far: dry friction + stiffness shape (coulomb_friction + gravity), \
+             best so far: Coulomb friction and gravity, \
              leaves 0.390° of 1.21° on validation runs, explains 71 %"
         );
         let begun = State {
@@ -600,7 +596,7 @@ mod tests {
             (
                 Some(0.01),
                 Some(Gravity),
-                "so far: refitted, the model misses by 0.573°; that looks most like stiffness shape (gravity)",
+                "so far: refitted, the model misses by 0.573°; that looks most like gravity",
             ),
         ] {
             assert_eq!(known(refit, leads).best_so_far(), said);
