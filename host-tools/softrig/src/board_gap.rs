@@ -118,7 +118,7 @@ impl PredictedRun {
             let step = setpoint[row] - setpoint[row - 1];
             let held = setpoint[row..]
                 .iter()
-                .take_while(|it| **it == setpoint[row])
+                .take_while(|it| it.to_bits() == setpoint[row].to_bits())
                 .count();
             let last = row + held - 1;
             (self.time_s[last] - self.time_s[row] >= HELD_S).then(|| {

@@ -14,7 +14,7 @@ use softrig_formats::columns::{AngleUnit, Columns, Quantity, Unit};
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::short;
-use softrig_formats::recording::Recording;
+use softrig_formats::recording::{CalibrationMeta, Recording};
 
 use crate::estimate::refit::refit;
 use crate::estimate::simulation::{Arithmetic, Drive};
@@ -22,6 +22,9 @@ use crate::statistics::rms;
 
 /// The column in which the board's own prediction stands.
 pub const BOARD: &str = "predicted_deg";
+
+/// Standard deviation (kPa, °) of a zero that there is none of.
+const NO_ZERO: f64 = 1e-3;
 
 /// A column with predicted angles.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -270,11 +273,17 @@ fn only_predicted(
     if begin > 0 || end < recording.len() {
         *recording = recording.slice(&(begin..end));
     }
-    Ok(Recording {
+    let mut predicted = Recording {
         angle: angles[begin..end].to_vec(),
         removed: Vec::new(),
         ..recording.clone()
-    })
+    };
+    // A simulation has no sensors, so there are no zeros to be found in it.
+    predicted.meta.calibration = Some(CalibrationMeta {
+        pressure_zero_sd_kpa: Some(NO_ZERO),
+        angle_zero_sd_deg: Some(NO_ZERO),
+    });
+    Ok(predicted)
 }
 
 #[cfg(test)]
