@@ -471,10 +471,8 @@ mod tests {
             (2.0, 20.0, 24.0),
             (3.0, 20.0, 20.0),
         ];
-        let rows: String = rows
-            .iter()
-            .map(|(time, setpoint, angle)| format!("{time},0,{angle},1,{setpoint}\n"))
-            .collect();
+        let rows = rows.map(|(time, setpoint, angle)| format!("{time},0,{angle},1,{setpoint}\n"));
+        let rows = rows.concat();
         let text = format!("time_s,pressure_kpa,angle_deg,predicted_deg,setpoint_deg\n{rows}");
         let (run, _) = Recording::parse(&text, Path::new("run.csv")).unwrap();
         let run = [PredictedRun::of(&run).unwrap()];

@@ -293,11 +293,12 @@ mod tests {
     use super::*;
 
     fn recording(name: &str, values: &str) -> Recording {
-        let rows: String = values
+        let rows = values
             .split(' ')
             .enumerate()
-            .map(|(row, value)| format!("{},0,{},{value}\n", row as f64 * 0.01, 10 * row))
-            .collect();
+            .map(|(row, value)| format!("{},0,{},{value}\n", row as f64 * 0.01, 10 * row));
+        let rows: Vec<String> = rows.collect();
+        let rows = rows.concat();
         let text = format!("time_s,pressure_kpa,angle_deg,{name}\n{rows}");
         Recording::parse(&text, Path::new("run.csv")).unwrap().0
     }

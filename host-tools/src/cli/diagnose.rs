@@ -27,7 +27,6 @@ use softrig_report::Outputs;
 use softrig_report::content::Content;
 use softrig_report::html::page;
 use softrig_report::pictures::{figure, figure_of_runs};
-use softrig_report::plot::Figure;
 use softrig_report::provenance::{Provenance, command_line};
 use softrig_report::terminal::summary;
 
@@ -238,17 +237,7 @@ fn run_batch(args: &Args, path: &Path, out: &Path) -> anyhow::Result<()> {
 fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     // A large file takes seconds to read, which are the user's too.
     let begun = Instant::now();
-    let read = args.recordings.iter().chain(&args.holdout);
-    args.picture.check("--plot", args.plot.as_ref())?;
-    output::check(
-        &[
-            args.json.output(),
-            Output::of("--report", FileKind::Page, args.report.as_ref()),
-            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
-            Output::of("-o", FileKind::Model, args.output.as_ref()),
-        ],
-        read.chain([model]).chain(&args.effects),
-    )?;
+    check_outputs(args, model)?;
     check_distinct(&args.recordings, &args.holdout)?;
     let file = super::read_model(model)?;
     let layout = args.input.layout_over(&file.recording)?;
@@ -324,9 +313,10 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         write_atomically(path, page.as_bytes())?;
         outputs.page = Some(path);
     }
-    if let Some(path) = &args.plot {
-        args.picture.write(path, &drawn(args, &diagnosis)?)?;
-        outputs.picture = Some(path);
+    // What a picture lacks, such as a run of that name, is said after the answer.
+    let picture = draw(args, &diagnosis);
+    if picture.is_ok() {
+        outputs.picture = args.plot.as_deref();
     }
     if let Some(path) = &args.output {
         let text = if args.named_only {
@@ -346,17 +336,38 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     };
     if is_left_out {
         verdict.upload = false;
-        verdict.upload_refused = content.refused.clone();
+        verdict.upload_refused.clone_from(&content.refused);
     }
-    args.json.deliver(&verdict, &text)
+    args.json.deliver(&verdict, &text)?;
+    Ok(picture?)
 }
 
-/// The picture of the runs that were asked for.
-fn drawn(args: &Args, diagnosis: &Diagnosis) -> Result<Figure, InputError> {
-    if args.runs.is_empty() {
-        return Ok(figure(diagnosis));
-    }
-    figure_of_runs(diagnosis, &args.runs)
+/// Draws the picture, of the runs that were asked for, where one is asked for.
+fn draw(args: &Args, diagnosis: &Diagnosis) -> Result<(), InputError> {
+    let Some(path) = &args.plot else {
+        return Ok(());
+    };
+    let figure = if args.runs.is_empty() {
+        figure(diagnosis)
+    } else {
+        figure_of_runs(diagnosis, &args.runs)?
+    };
+    args.picture.write(path, &figure)
+}
+
+/// Refuses, before the long work, files that the results would overwrite.
+fn check_outputs(args: &Args, model: &PathBuf) -> Result<(), InputError> {
+    let read = args.recordings.iter().chain(&args.holdout);
+    args.picture.check("--plot", args.plot.as_ref())?;
+    output::check(
+        &[
+            args.json.output(),
+            Output::of("--report", FileKind::Page, args.report.as_ref()),
+            Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
+            Output::of("-o", FileKind::Model, args.output.as_ref()),
+        ],
+        read.chain([model]).chain(&args.effects),
+    )
 }
 
 /// How an interrupted diagnosis is taken up.

@@ -58,7 +58,7 @@ const BIBTEX: &str = concat!(
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Diagnose(cli::diagnose::Args),
+    Diagnose(Box<cli::diagnose::Args>),
     Import(cli::import::Args),
     Init(cli::init::Args),
     Fit(cli::fit::Args),

@@ -98,7 +98,7 @@ fn encoded(pixels: &Pixmap, dots_per_inch: f64) -> Result<Vec<u8>, png::Encoding
 }
 
 fn tree(svg: &str) -> Result<Tree, InputError> {
-    let options = fonts().as_ref().ok_or_else(|| {
+    let options = fonts().ok_or_else(|| {
         InputError::new(
             "cannot be written: this machine has no font for its labels",
             "install one, such as the package fonts-liberation, or write .svg",
@@ -108,9 +108,9 @@ fn tree(svg: &str) -> Result<Tree, InputError> {
 }
 
 /// The fonts of this machine, looked for once; none if there is none to write with.
-fn fonts() -> &'static Option<Options<'static>> {
+fn fonts() -> Option<&'static Options<'static>> {
     static FOUND: OnceLock<Option<Options<'static>>> = OnceLock::new();
-    FOUND.get_or_init(|| {
+    let found = FOUND.get_or_init(|| {
         let mut all = fontdb::Database::new();
         all.load_system_fonts();
         let has = |name: &str, all: &fontdb::Database| {
@@ -130,7 +130,8 @@ fn fonts() -> &'static Option<Options<'static>> {
             fontdb: Arc::new(all),
             ..usvg::Options::default()
         })
-    })
+    });
+    found.as_ref()
 }
 
 /// An error that no input of a user leads to.

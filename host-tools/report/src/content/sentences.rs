@@ -12,6 +12,7 @@ use softrig::diagnose::score::grammar::is_term;
 use softrig::diagnose::search::selection::{FittedStructure, RIVALS_PLANNED};
 use softrig::diagnose::work::budget::SearchPart;
 use softrig::diagnose::work::policy::Policy;
+use softrig_formats::family::Family;
 use softrig_formats::numbers::{degrees, percent};
 use softrig_formats::own_effects::with_numbers;
 
@@ -84,44 +85,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             rivals,
             families,
             strength,
-        } if !common(rivals).is_empty() => {
-            let common = common(rivals);
-            let rest = |rival: &Explanation| -> String {
-                let mut kinds = rival.kinds.clone();
-                kinds.retain(|kind| !common.contains(kind));
-                combined(&kinds)
-            };
-            let rest: Vec<String> = rivals.iter().map(rest).collect();
-            let named: Vec<&String> = rest.iter().filter(|it| !it.is_empty()).collect();
-            let perhaps = if named.len() < rest.len() {
-                "perhaps "
-            } else {
-                ""
-            };
-            format!(
-                "The model lacks {}, and {perhaps}{}{}; these recordings cannot tell which.",
-                titles(&common),
-                either(&named),
-                of_the_error(*strength)
-            )
-        }
-        Finding::Rivals {
-            rivals,
-            families,
-            strength,
-        } => {
-            let rivals: Vec<String> = rivals.iter().map(|rival| combined(&rival.kinds)).collect();
-            let rivals = listed(&rivals);
-            if families.is_empty() {
-                format!("Something is missing, but these recordings cannot tell apart {rivals}.")
-            } else {
-                format!(
-                    "The model lacks {}{}; these recordings cannot tell apart {rivals}.",
-                    in_words(families),
-                    of_the_error(*strength)
-                )
-            }
-        }
+        } => of_rivals(rivals, families, *strength),
         Finding::OutOfTime { closest } => {
             let closest = closest
                 .as_ref()
@@ -142,6 +106,41 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             ),
             _ => "Something is missing, and it is none of the effects that are known.".into(),
         },
+    }
+}
+
+/// The sentence about several explanations: what they have in common, or the families that they are of.
+fn of_rivals(rivals: &[Explanation], families: &[Family], strength: Strength) -> String {
+    let common = common(rivals);
+    let rest = |rival: &Explanation| -> String {
+        let mut kinds = rival.kinds.clone();
+        kinds.retain(|kind| !common.contains(kind));
+        combined(&kinds)
+    };
+    let rest: Vec<String> = rivals.iter().map(rest).collect();
+    if !common.is_empty() {
+        let named: Vec<&String> = rest.iter().filter(|it| !it.is_empty()).collect();
+        let perhaps = if named.len() < rest.len() {
+            "perhaps "
+        } else {
+            ""
+        };
+        return format!(
+            "The model lacks {}, and {perhaps}{}{}; these recordings cannot tell which.",
+            titles(&common),
+            either(&named),
+            of_the_error(strength)
+        );
+    }
+    let rivals = listed(&rest);
+    if families.is_empty() {
+        format!("Something is missing, but these recordings cannot tell apart {rivals}.")
+    } else {
+        format!(
+            "The model lacks {}{}; these recordings cannot tell apart {rivals}.",
+            in_words(families),
+            of_the_error(strength)
+        )
     }
 }
 
