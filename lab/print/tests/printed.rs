@@ -47,14 +47,16 @@ fn streams(pdf: &[u8]) -> String {
         .windows(7)
         .enumerate()
         .filter(|(_, it)| it == b"stream\n");
-    let mut text = String::new();
+    // Some are not packed, such as the tables of letters.
+    let mut text = String::from_utf8_lossy(pdf).into_owned();
     for (at, _) in starts {
         let mut unpacked = Vec::new();
         // Some are no text, such as the font itself.
         let _ = ZlibDecoder::new(&pdf[at + 7..]).read_to_end(&mut unpacked);
         text += &String::from_utf8_lossy(&unpacked);
     }
-    text
+    // Letters stand there by their numbers, in capitals or not.
+    text.to_lowercase()
 }
 
 /// Width and height of the page (pt).
@@ -77,20 +79,17 @@ fn a_pdf_has_text_as_text_and_the_asked_width() {
         "fonts"
     );
     let text = streams(&pdf);
-    assert!(
-        text.contains("TJ") || text.contains("Tj"),
-        "text is drawn as text"
-    );
+    assert!(text.contains(" tj"), "text is drawn as text");
     // The letters that stand in it can be searched for and copied.
     for letter in "zugangle°measured".chars() {
-        let code = format!("<{:04X}>", u32::from(letter));
+        let code = format!("<{:04x}>", u32::from(letter));
         assert!(
             text.contains(&code),
             "{letter} is not in the table of letters"
         );
     }
     // There is no heading unless it is asked for.
-    let headline = format!("<{:04X}>", u32::from('Q'));
+    let headline = format!("<{:04x}>", u32::from('Q'));
     assert!(!text.contains(&headline), "a headline");
     let look = Look {
         headline: Some(true),
