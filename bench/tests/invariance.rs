@@ -109,6 +109,7 @@ fn ask(question: &Question) -> Result<Answer, InputError> {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        start_from: &[],
         own: None,
         formulas: true,
         without: &[],

@@ -102,6 +102,7 @@ impl Case {
             file: &self.file,
             recordings: &self.recordings,
             holdout: &self.holdout,
+            start_from: &[],
             own: None,
             formulas: true,
             without: &[],

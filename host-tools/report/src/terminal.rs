@@ -16,6 +16,7 @@ pub fn summary(content: &Content, outputs: &Outputs<'_>, seed: u64, seconds: f64
     lines.extend(content.ended.clone());
     lines.push(String::new());
     lines.extend(errors(content));
+    lines.extend(content.tested.clone());
     let table = lines.len();
     lines.extend(content.closed.clone());
     lines.push(String::new());

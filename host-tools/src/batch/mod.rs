@@ -486,6 +486,7 @@ fn solve(case: &Case, settings: &Settings, batch: &Job) -> anyhow::Result<Solved
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        start_from: &[],
         own: settings.own.as_ref(),
         formulas: settings.formulas,
         without: &[],

@@ -19,6 +19,7 @@ use softrig::diagnose::score::grammar::is_name_of_term;
 use softrig::diagnose::{Budget, Diagnosis, Job, Request, diagnose_from};
 use softrig::estimate::checkpoint::Checkpoint;
 use softrig::estimate::placement::with_tip_load;
+use softrig::estimate::start_from::StartFrom;
 use softrig::prediction::{Prediction, StandIn};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::own_effects::OwnEffects;
@@ -45,6 +46,7 @@ Examples:
   softrig diagnose --model m.toml monday.csv tuesday.csv      sessions of one rig
   softrig diagnose --model m.toml id_*.csv --holdout vad_*.csv --plot gap.svg
   softrig diagnose --model m.toml run.csv --plot fig.pdf --width 89mm      for a paper
+  softrig diagnose --model m.toml train.csv --holdout test.csv --start-from 20   a benchmark's rules
   softrig diagnose --model m.toml --effects mine.toml run.csv  tries formulas of your own
   softrig diagnose --model m.toml run.csv --no-formulas       effects with a name only
   softrig diagnose --model m.toml run.csv --without gravity   what would take its place?
@@ -93,6 +95,18 @@ pub struct Args {
     /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
+    /// Make the validation recordings a test: they choose nothing, and only so many of their first
+    /// samples say where they start; no zero, offset or state is fitted to the rest. rest: it
+    /// starts at rest at zero; period: it is one period of a steady state. One for all of them, or
+    /// one for each
+    #[arg(
+        long,
+        value_name = "SAMPLES|rest|period",
+        value_delimiter = ',',
+        requires = "holdout",
+        conflicts_with = "batch"
+    )]
+    start_from: Vec<StartFrom>,
     #[command(flatten)]
     json: JsonArgs,
     /// Write the whole diagnosis as one HTML page that needs no network
@@ -275,6 +289,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        start_from: &args.start_from,
         own: own.as_ref(),
         formulas: !args.no_formulas,
         without: &args.without,

@@ -229,6 +229,7 @@ fn diagnosed(
         file: &file,
         recordings: &recordings,
         holdout: &holdout,
+        start_from: &[],
         own: own.as_ref(),
         formulas: true,
         without: &[],

@@ -13,6 +13,7 @@ use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::picture::PictureArgs;
 use softrig::comparison::check_comparable;
+use softrig::estimate::start_from::StartFrom;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
 use softrig_formats::error::write_with_meta;
 use softrig_formats::numbers::tidy;
@@ -28,6 +29,7 @@ Examples:
   softrig simulate --model m.toml --protocol step --angle-deg 60 -o step60.csv
   softrig simulate --model m.toml --protocol steps -o steps.csv
   softrig simulate --model m.toml --recording run.csv --plot run.svg
+  softrig simulate --model m.toml --recording test.csv --start-from 20 --zeros verdict.json
   softrig simulate --model m.toml --recording run.csv --linear --arithmetic board")]
 pub struct Args {
     #[command(flatten)]
@@ -52,6 +54,18 @@ pub struct Args {
     /// Arithmetic to simulate in
     #[arg(long, value_parser = choice::<Arithmetic>(), default_value_t = Arithmetic::F64)]
     arithmetic: Arithmetic,
+    /// Take zeros and initial state from nothing but so many first samples of the recording, which
+    /// are not scored, and fit nothing to the rest; rest: it starts at rest at zero; period: it is
+    /// one period of a steady state
+    #[arg(
+        long,
+        value_name = "SAMPLES|rest|period",
+        conflicts_with_all = ["protocol", "arithmetic"]
+    )]
+    start_from: Option<StartFrom>,
+    /// With --start-from, the zeros of the sensors that a diagnosis found; without, there are none
+    #[arg(long, value_name = "VERDICT.json", requires = "start_from")]
+    zeros: Option<PathBuf>,
     /// Write the run as a recording
     #[arg(short, long, value_name = "OUT.csv")]
     output: Option<PathBuf>,
@@ -95,7 +109,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             Output::of("--plot", FileKind::Picture, args.plot.as_ref()),
             args.json.output(),
         ],
-        args.recording.iter().chain(&played).chain([&path]),
+        args.recording
+            .iter()
+            .chain(&played)
+            .chain(&args.zeros)
+            .chain([&path]),
     )?;
     let file = super::read_model(&path)?;
     args.arithmetic.check(&file)?;
@@ -120,9 +138,13 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         file.model
     };
-    let simulated_deg = drive
-        .simulate(&model, args.arithmetic)
-        .map_err(|error| error.in_file(&path))?;
+    let simulated_deg = match args.start_from {
+        Some(start) => drive.simulate_from(&model, start, args.zeros.as_deref())?,
+        None => drive
+            .simulate(&model, args.arithmetic)
+            .map_err(|error| error.in_file(&path))?,
+    };
+    let unscored = args.start_from.map_or(0, StartFrom::used);
     let Drive {
         recording,
         is_measured,
@@ -145,6 +167,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         least_deg: angles.clone().fold(f64::INFINITY, f64::min),
         largest_deg: angles.fold(f64::NEG_INFINITY, f64::max),
         rmse_deg: None,
+        start_from: args.start_from.map(|start| start.to_string()),
     };
     let mut text = format!(
         "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°\n",
@@ -158,11 +181,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let error: Vec<f64> = simulated_deg
             .iter()
             .zip(measured)
+            .skip(unscored)
             .map(|(a, b)| a - b)
             .collect();
         let rmse = softrig::statistics::rms(&error);
         result.rmse_deg = Some(rmse);
-        text += &format!("RMS error against the recording: {rmse:.3}°\n");
+        let how = result.start_from.as_ref().map_or_else(String::new, |start| {
+            format!(" (start from {start}, nothing fitted to the rest)")
+        });
+        text += &format!("RMS error against the recording: {rmse:.3}°{how}\n");
     }
     let shown = Shown {
         name,
@@ -204,6 +231,10 @@ pub(crate) struct Simulated {
     /// RMS error against the recording (°); absent over a protocol.
     #[serde(skip_serializing_if = "Option::is_none")]
     rmse_deg: Option<f64>,
+    /// Where the initial state came from, if nothing was fitted to the whole recording: a number of
+    /// first samples, which are not scored; `rest`; or `period`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start_from: Option<String>,
 }
 
 /// A simulated run, with the recording to compare it with if there is one.

@@ -97,6 +97,7 @@ fn report(case: &Case, diagnosis: &Diagnosis) -> Report {
         file: &case.file,
         recordings: &case.recordings,
         holdout: &case.holdout,
+        start_from: &[],
         own: None,
         formulas: true,
         without: &[],

@@ -562,6 +562,7 @@ impl Desk {
             file: &file,
             recordings: &fitted,
             holdout: &held_out,
+            start_from: &[],
             own: own.as_ref(),
             formulas: true,
             without: &[],

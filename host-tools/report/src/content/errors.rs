@@ -3,7 +3,9 @@
 use serde::Serialize;
 
 use softrig::diagnose::Diagnosis;
+use softrig::diagnose::evidence::free_run::{TestRun, rms_of};
 use softrig::estimate::Segment;
+use softrig::estimate::start_from::StartFrom;
 use softrig::statistics::squares_about_mean;
 use softrig_formats::numbers::{degrees, fit, short};
 
@@ -65,7 +67,7 @@ pub(super) fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
     } else {
         ("validation", held_out.runs.len())
     };
-    vec![
+    let mut rows = vec![
         row(
             "fitted",
             fitted,
@@ -88,7 +90,44 @@ pub(super) fn errors(diagnosis: &Diagnosis) -> Vec<ErrorRow> {
             ],
             spread_held_out,
         ),
-    ]
+    ];
+    let test = &diagnosis.test;
+    if !test.is_empty() {
+        let of = |error: fn(&TestRun) -> f64| rms_of(test, error);
+        rows.push(row(
+            "test",
+            test.len(),
+            [
+                of(|run| run.nominal),
+                of(|run| run.refit),
+                of(|run| run.repaired),
+                diagnosis.floor.rms,
+            ],
+            of(|run| run.spread),
+        ));
+    }
+    rows
+}
+
+/// How the test recordings were started, as a sentence; none without any.
+pub(super) fn tested(diagnosis: &Diagnosis) -> Option<String> {
+    let starts = diagnosis.test.iter().map(|run| {
+        let from = match run.start {
+            StartFrom::Rest => "rest at zero".to_owned(),
+            StartFrom::Samples(1) => "its first sample".to_owned(),
+            StartFrom::Samples(count) => format!("its first {count} samples"),
+            StartFrom::Period => "its own input, played once before".to_owned(),
+        };
+        format!("{} from {from}", run.name)
+    });
+    let starts: Vec<String> = starts.collect();
+    (!starts.is_empty()).then(|| {
+        format!(
+            "Test runs chose nothing, their zeros are those of the fitted runs, and each starts \
+             from what is said and nothing else: {}.",
+            starts.join(", ")
+        )
+    })
 }
 
 /// RMS deviation (rad) of the measured angles from the mean of their own run.

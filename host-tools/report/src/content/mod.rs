@@ -48,6 +48,8 @@ pub struct Content {
     pub left_out: Vec<String>,
     /// Errors on fitted runs and on validation runs.
     pub errors: Vec<ErrorRow>,
+    /// How the test runs were started, as a sentence.
+    pub tested: Option<String>,
     /// Whether effects were added to the model.
     pub repaired: bool,
     /// Whether the written model is worth an upload, as the verdict says.
@@ -131,6 +133,7 @@ impl Content {
             notices: errors::notices(diagnosis),
             left_out: diagnosis.not_used.iter().map(ToString::to_string).collect(),
             errors,
+            tested: errors::tested(diagnosis),
             repaired,
             upload: upload == Upload::Worth,
             refused: match upload {

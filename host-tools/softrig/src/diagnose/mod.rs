@@ -96,7 +96,10 @@ pub fn diagnose_from(
     checkpoint: &Checkpoint,
     job: &Job,
 ) -> Result<Diagnosis, InputError> {
-    let files = [request.recordings, request.holdout];
+    let tests = request.tests()?;
+    // Test recordings choose nothing.
+    let holdout = if tests.is_empty() { request.holdout } else { &[] };
+    let files = [request.recordings, holdout];
     let mut too_many = Vec::new();
     let [fitted, held_out] = match job.allowance.time() {
         Some(time) => {
@@ -114,6 +117,7 @@ pub fn diagnose_from(
     let used = Request {
         recordings: &fitted,
         holdout: &held_out,
+        start_from: &[],
         ..*request
     };
     let mut assembled = as_read(used.recordings, used.holdout)?;
@@ -150,10 +154,12 @@ pub fn diagnose_from(
         .chain(too_many)
         .chain(assembled.concerns)
         .filter(|concern| concern.matter != Matter::LeftOut);
+    let diagnosis = pass.diagnosis(&used, concerns.collect(), job);
     Ok(Diagnosis {
         left_out,
         not_used: assembled.left_out,
-        ..pass.diagnosis(&used, concerns.collect(), job)
+        test: diagnosis.tested(&tests, assembled.subtracted),
+        ..diagnosis
     })
 }
 
@@ -322,6 +328,7 @@ impl Pass {
             concerns,
             not_used: Vec::new(),
             left_out: None,
+            test: Vec::new(),
             validation: Validations::of(&fitter, &nominal.model, refit, repaired, &rivals),
             tolerance: baseline::tolerance(data),
             closure: adds.then(|| measure::closed(&validator, refit, repaired)),

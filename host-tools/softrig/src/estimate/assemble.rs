@@ -37,6 +37,8 @@ pub struct Assembled {
     pub data: Dataset,
     /// Concerns to report.
     pub concerns: Vec<Concern>,
+    /// The angle at rest (rad) that was subtracted from all measured ones.
+    pub subtracted: f64,
     /// What was left out of the files, those with [`Matter::LeftOut`] among the concerns too.
     pub left_out: Vec<LeftOut>,
 }
@@ -124,6 +126,7 @@ impl Assembled {
         {
             let zero_deg = rest.to_degrees().round();
             self.data = self.data.shifted(-zero_deg.to_radians());
+            self.subtracted = zero_deg.to_radians();
             self.concerns.push(far_from_zero(zero_deg));
         }
         self

@@ -112,6 +112,29 @@ impl Session {
         }
     }
 
+    /// The same session after its own input was played once: a period of a steady state, with the
+    /// one before it.
+    pub fn twice(&self) -> Self {
+        let time = &self.recording.time;
+        let period = time.last().map_or(0.0, |last| last - time[0]) + self.interval;
+        let again = |values: &[f64]| [values, values].concat();
+        let later = time.iter().map(|time| time + period);
+        let recording = Recording {
+            time: time.iter().copied().chain(later).collect(),
+            pressure: again(&self.recording.pressure),
+            angle: again(&self.recording.angle),
+            name: self.recording.name.clone(),
+            meta: self.recording.meta.clone(),
+            columns: self.recording.columns,
+            ..Recording::default()
+        };
+        Self {
+            placement: self.placement,
+            grain: self.grain,
+            ..Self::new(recording, self.clock, Vec::new())
+        }
+    }
+
     /// The same session of a rig that stood like this.
     pub fn standing(self, placement: Placement) -> Self {
         Self { placement, ..self }

@@ -21,6 +21,7 @@
 //! - [`profile`] says how far one parameter can go while the others follow.
 //! - [`unit_errors`] refuses columns in implausible units.
 //! - [`mod@refit`] fits a model file, [`simulation`] simulates one over a recording.
+//! - [`start_from`] simulates one over a test recording, from its first samples only.
 
 pub mod assemble;
 pub mod band;
@@ -44,6 +45,7 @@ pub mod profile;
 pub mod refit;
 pub mod simulation;
 pub(crate) mod smooth;
+pub mod start_from;
 pub mod subsample;
 mod transform;
 pub mod unit_errors;

@@ -5,12 +5,15 @@
 //! actuator starts at rest.
 
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 use model_core::actuator::Model;
 use model_core::power::{GuardedMicromath, Minimax, Power};
 use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
+use crate::diagnose::decide::verdict::read_zeros;
 use crate::estimate::fitter::Fitter;
+use crate::estimate::start_from::{StartFrom, simulate_from};
 use crate::estimate::{Dataset, Nuisance, Session};
 use crate::sim::board::{self, OnBoard};
 use crate::sim::linear::linear_rival;
@@ -20,7 +23,7 @@ use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::refuse_on_board;
 use softrig_formats::protocol_file::ProtocolFile;
-use softrig_formats::recording::Recording;
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 
 /// Largest set-points of a protocol (°).
 pub const ANGLES_DEG: RangeInclusive<f64> = 0.1..=360.0;
@@ -226,6 +229,37 @@ impl Drive {
             Arithmetic::Minimax => in_single::<Minimax>(session, model, &nuisance),
             Arithmetic::Micromath => in_single::<GuardedMicromath>(session, model, &nuisance),
         };
+        Ok(simulated.iter().map(|angle| angle.to_degrees()).collect())
+    }
+}
+
+impl Drive {
+    /// The simulated angle (°) over a test recording, of which nothing but the start is used; with
+    /// the zeros that the file of a verdict gives, or none.
+    ///
+    /// # Errors
+    ///
+    /// Says what is wrong with the file of zeros, or that the recording is too short.
+    pub fn simulate_from(
+        &self,
+        model: &Model<f64>,
+        start: StartFrom,
+        zeros: Option<&Path>,
+    ) -> Result<Vec<f64>, InputError> {
+        start.check(&self.recording)?;
+        let zeros = match zeros {
+            Some(path) => {
+                let zeros = read_zeros(path)?;
+                Nuisance {
+                    pressure_zero: zeros.pressure_kpa * PASCAL_PER_KPA,
+                    angle_zero: zeros.angle_deg.to_radians(),
+                    ..Nuisance::AT_ZERO
+                }
+            }
+            None => Nuisance::AT_ZERO,
+        };
+        let data = Dataset::of(std::slice::from_ref(&self.recording));
+        let simulated = simulate_from(model, &data.sessions()[0], &zeros, start);
         Ok(simulated.iter().map(|angle| angle.to_degrees()).collect())
     }
 }

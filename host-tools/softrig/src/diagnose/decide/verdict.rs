@@ -6,6 +6,7 @@ use std::path::Path;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::diagnose::evidence::free_run::TestRun;
 use crate::diagnose::evidence::measure::Closure;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
@@ -78,6 +79,9 @@ pub struct Verdict {
     pub rmse_deg: FittedError,
     /// RMS error on held-out recordings, in degrees.
     pub holdout_rmse_deg: HeldOutError,
+    /// Errors on test recordings, which chose nothing (`--start-from`); absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub test: Vec<TestError>,
     /// Zeros of the sensors, one number per fitted session.
     #[serde(default)]
     pub nuisance: Zeros,
@@ -250,6 +254,40 @@ pub struct HeldOutError {
     /// With the named effects, as the board predicts; where a board cannot run that model or
     /// measure the pressure, in double precision, and then `upload` is false.
     pub repaired: f64,
+}
+
+/// RMS errors on a test recording, simulated over the whole of it; zeros are those of the fitted
+/// recordings, and nothing is fitted to the rest.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct TestError {
+    /// Its file.
+    pub recording: String,
+    /// Where its initial state comes from: a number of first samples, which are not scored;
+    /// `rest`; or `period`, its own input played once before.
+    pub start_from: String,
+    /// Samples that are scored.
+    pub samples: usize,
+    /// The model as supplied, in degrees.
+    pub nominal: f64,
+    /// The same structure, refitted.
+    pub refit: f64,
+    /// The model that `-o` writes, in double precision.
+    pub repaired: f64,
+}
+
+impl TestError {
+    /// Of a test recording.
+    pub fn of(run: &TestRun) -> Self {
+        let degrees = |radians: f64| tidy(radians.to_degrees());
+        Self {
+            recording: run.path.display().to_string(),
+            start_from: run.start.to_string(),
+            samples: run.samples,
+            nominal: degrees(run.nominal),
+            refit: degrees(run.refit),
+            repaired: degrees(run.repaired),
+        }
+    }
 }
 
 /// Zeros of the sensors, one number per session; see [`crate::estimate::nuisance`].

@@ -5,5 +5,6 @@ pub mod alike;
 pub(crate) mod discrepancy;
 pub(crate) mod doubts;
 pub(crate) mod draws;
+pub mod free_run;
 pub mod measure;
 pub mod validation;

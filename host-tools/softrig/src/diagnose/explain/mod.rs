@@ -12,8 +12,9 @@ use softrig_formats::numbers::tidy;
 use super::decide::finding::{Explanation, Finding};
 use super::decide::verdict::{
     Adequacy, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place, Remaining,
-    Repair, SCHEMA, Step, Verdict,
+    Repair, SCHEMA, Step, TestError, Verdict,
 };
+use super::evidence::free_run::{self, Fitted, TestRun};
 use super::evidence::measure::{Closure, leaves_beyond};
 use super::evidence::validation::HeldOut;
 use super::experiment::plan::{Limits, Proposal, propose, work_min};
@@ -30,8 +31,10 @@ use super::work::request::Request;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
 use crate::estimate::fitter::Fitter;
+use crate::estimate::start_from::StartFrom;
 use crate::estimate::usable::Matter;
 use repair::Upload;
+use softrig_formats::recording::Recording;
 
 /// The result of a diagnosis.
 #[derive(Clone, Debug)]
@@ -67,6 +70,8 @@ pub struct Diagnosis {
     pub identifiability: [Identifiability; 2],
     /// Held-out errors.
     pub held_out: HeldOut,
+    /// Errors on the test recordings, which chose nothing; empty if there are none.
+    pub test: Vec<TestRun>,
     /// The best of the rivals that remain, as fitted.
     pub rivals: Vec<Candidate>,
     /// Every structure with a final fit, with its evidence.
@@ -123,6 +128,18 @@ impl Validations {
 }
 
 impl Diagnosis {
+    /// The nominal, the refitted and the repaired model over test recordings, whose angle at rest
+    /// (rad) is subtracted as from those that were fitted.
+    pub(super) fn tested(
+        &self,
+        tests: &[(&Recording, StartFrom)],
+        subtracted: f64,
+    ) -> Vec<TestRun> {
+        let fits = [&self.nominal, &self.refit, &self.repaired.fit];
+        let models = fits.map(|fit| Fitted::of(fit, &self.data));
+        free_run::runs(tests, &models, &self.data, subtracted)
+    }
+
     /// The runs that separate the rivals best within other limits than those of [`Limits::default`]
     /// and of the recordings, with the effects that they separate.
     pub fn experiments_within(
@@ -208,6 +225,7 @@ impl Diagnosis {
                 refit: degrees(self.held_out.refit),
                 repaired: degrees(self.held_out.repaired_on_board),
             },
+            test: self.test.iter().map(TestError::of).collect(),
             nuisance: self.zeros(),
             upload: self.upload(request.file) == Upload::Worth,
             upload_refused: match self.upload(request.file) {

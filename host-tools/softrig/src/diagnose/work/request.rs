@@ -1,6 +1,9 @@
 //! What is asked of a diagnosis.
 
 use model_core::catalogue::Kind;
+
+use crate::estimate::start_from::StartFrom;
+use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording::Recording;
@@ -14,6 +17,10 @@ pub struct Request<'a> {
     pub recordings: &'a [Recording],
     /// Validation recordings; if empty, segments are left out in turn.
     pub holdout: &'a [Recording],
+    /// Where the validation recordings start: as every recording, by a fit to the whole of it, if
+    /// this is empty; else one start for all of them or one for each. Then they are a test: they
+    /// choose nothing, and are simulated with the final model.
+    pub start_from: &'a [StartFrom],
     /// Effects with the user's own formulas, tried beside the catalogue.
     pub own: Option<&'a OwnEffects>,
     /// Whether formulas are tried where no effect is enough ([`mod@crate::diagnose::score::grammar`]).
@@ -32,11 +39,40 @@ impl<'a> Request<'a> {
             file,
             recordings,
             holdout: &[],
+            start_from: &[],
             own: None,
             formulas: true,
             without: &[],
             seed: 1,
         }
+    }
+
+    /// The test recordings, each with where it starts; none if they are validation recordings.
+    ///
+    /// # Errors
+    ///
+    /// Refuses a number of starts that is not that of the recordings, and a recording of which
+    /// nothing is left to be scored.
+    pub fn tests(&self) -> Result<Vec<(&'a Recording, StartFrom)>, InputError> {
+        let starts = self.start_from;
+        if ![0, 1, self.holdout.len()].contains(&starts.len()) {
+            return Err(InputError::new(
+                format!(
+                    "there are {} starts for {} validation recordings",
+                    starts.len(),
+                    self.holdout.len()
+                ),
+                "give --start-from one start for all of them, or one for each in their order",
+            ));
+        }
+        let each = starts.iter().cycle().take(match starts.len() {
+            0 => 0,
+            _ => self.holdout.len(),
+        });
+        let tests = self.holdout.iter().zip(each.copied());
+        tests
+            .map(|(recording, start)| start.check(recording).map(|()| (recording, start)))
+            .collect()
     }
 
     /// The user's own effects.
