@@ -12,6 +12,7 @@ pub mod many;
 pub mod pages;
 pub mod pictures;
 pub mod processor;
+pub mod public;
 pub mod real;
 pub mod rig_loop;
 pub mod search;

@@ -13,7 +13,7 @@ use softrig_bench::invariance::ways::Way;
 use softrig_bench::invariance::{calibration, known, run as invariance};
 use softrig_bench::rig_loop::{bench as rig_loop, decide};
 use softrig_bench::{
-    blind, catalogue, commands, diagnosis, many, pages, pictures, real, search, simulate,
+    blind, catalogue, commands, diagnosis, many, pages, pictures, public, real, search, simulate,
 };
 use softrig_tests::{process::root, write};
 
@@ -61,6 +61,7 @@ enum Benchmark {
     Loop(rig_loop::Options),
     /// Diagnoses more and more recordings of 10 s and times each diagnosis
     Many(Asked),
+    Public(public::Options),
     Real(real::Options),
     Search(search::Options),
     /// Times the simulation that every fit and diagnosis is made of
@@ -111,6 +112,7 @@ fn run(args: &Args) -> Result<Vec<String>, String> {
         Benchmark::Invariance(options) => options.measure(target, "invariance", &Way::OTHERS),
         Benchmark::Loop(options) => options.measure(&target.join("loop")),
         Benchmark::Many(asked) => many::measure(asked, &target.join("bench/many")),
+        Benchmark::Public(options) => options.measure(&target.join("public")),
         Benchmark::Real(options) => options.measure(&target.join("real"), args.docs),
         Benchmark::Search(options) => Ok(options.measure(&target.join("search"))),
         Benchmark::Simulate => simulate::measure(),
@@ -155,6 +157,7 @@ mod tests {
         for line in [
             format!("{REAL} --only pendulum,silverbox --softrig b/rig"),
             format!("{LOOP} --docs --seeds 1..3 --jobs 2"),
+            "public --softrig a/rig --only emps".into(),
             "blind --fast --target target".into(),
             "blind --set laws,paper --cases 3 --docs".into(),
             "search --sets example,bench --only gravity,leak --seeds 1..2 --docs".into(),

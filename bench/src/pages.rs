@@ -21,7 +21,7 @@ macro_rules! template {
     };
 }
 
-const PAGES: [Page; 13] = [
+const PAGES: [Page; 14] = [
     ("blind", &["blind.md", "formulas.md"], template!("blind.md")),
     (
         "calibration",
@@ -41,6 +41,7 @@ const PAGES: [Page; 13] = [
     ("invariance", &[], template!("invariance.md")),
     ("loop", &["loop.md"], template!("loop.md")),
     ("many", &[], template!("many.md")),
+    ("public", &["public.md"], template!("public.md")),
     ("real", &["real.md"], template!("real.md")),
     ("search", &["search.md"], template!("search.md")),
 ];

@@ -8,6 +8,7 @@ use softrig_tests::verdict::significant;
 use crate::invariance::calibration::Bin;
 use crate::many::Measured;
 use crate::pages::{fill, name_of};
+use crate::public::Course;
 use crate::real::validation::Validation;
 
 /// Name and SVG of each picture of a benchmark.
@@ -37,6 +38,10 @@ pub fn of(figures: &Value) -> Result<Vec<(String, String)>, String> {
         }
         "control" => one("closed_loop_steps.svg", control(&list(figures, "steps")?)),
         "many" => one("many_recordings.svg", many(&list(figures, "diagnoses")?)),
+        "public" => Ok(list::<Value>(figures, "sets")?
+            .iter()
+            .filter_map(public)
+            .collect()),
         "real" => Ok(list::<Value>(figures, "rigs")?
             .iter()
             .filter_map(real)
@@ -162,6 +167,41 @@ fn control(steps: &[Step]) -> Figure {
         figure = figure.with_panel(panel);
     }
     figure
+}
+
+/// The test records of a public set, and the errors on them. None without any.
+fn public(row: &Value) -> Option<(String, String)> {
+    let courses = Vec::<Course>::deserialize(&row["courses"]).ok()?;
+    let unit = row["set"]["unit"].as_str().unwrap_or_default();
+    let title = row["set"]["title"].as_str().unwrap_or_default();
+    let mut figure = Figure::new(title).with_subtitle(
+        "Simulated minus measured over the whole test records; of each part of the picture the ends.",
+    );
+    for course in &courses {
+        let time = &course.time_s;
+        let thin = |role| Style::new(role, Mark::Thin);
+        figure = figure
+            .with_panel(
+                Panel::new("", unit)
+                    .with_title(course.name.clone())
+                    .with_series(Series::new(
+                        "measured",
+                        time,
+                        &course.measured,
+                        thin(Role::Measured),
+                    )),
+            )
+            .with_panel(
+                Panel::new("time (s)", format!("error ({unit})"))
+                    .with_level(0.0)
+                    .with_legend(false)
+                    .with_series(Series::new("error", time, &course.error, thin(Role::After))),
+            );
+    }
+    figure.width_px = 760.0;
+    figure.row_height_px = 105.0;
+    let name = row["name"].as_str().unwrap_or_default();
+    (!courses.is_empty()).then(|| (format!("public_{name}.svg"), to_svg_string(&figure)))
 }
 
 /// The validation run of a rig: measured, refitted, repaired, and the errors below. None without a diagnosis.

@@ -508,6 +508,17 @@ class _Experiment:
     separates: list[str]
     expected_delta_chi2: float
 
+class _TestError:
+    """Errors on a test recording, which chose nothing."""
+
+    recording: str
+    start_from: str
+    """A number of first samples, which are not scored, ``"rest"`` or ``"period"``."""
+    samples: int
+    nominal: float
+    refit: float
+    repaired: float
+
 class _LeftOut:
     """What was left out of a file, or changed in it, by the same rule."""
 
@@ -554,6 +565,7 @@ class _Verdict:
     simulation: _StandIn | None
     ended: Literal["budget"] | None
     not_tried: list[str]
+    test: list[_TestError]
     left_out: list[_LeftOut]
     recordings: list[str]
     seed: int

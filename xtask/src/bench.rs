@@ -22,7 +22,7 @@ const PYTHON_PACKAGES: [&str; 3] = ["numpy", "scipy", "numba"];
 const PROGRAM: &str = "softrig-bench";
 
 /// Its benchmarks, and `catalogue` and `pages`, which write pages from the code and from figures of earlier runs.
-const NAMES: [&str; 13] = [
+const NAMES: [&str; 14] = [
     "blind",
     "calibration",
     "catalogue",
@@ -34,6 +34,7 @@ const NAMES: [&str; 13] = [
     "loop",
     "many",
     "pages",
+    "public",
     "real",
     "search",
 ];

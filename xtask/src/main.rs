@@ -92,6 +92,9 @@ Tasks:
   bench calibration [OPTIONS]
                          of what is stated with 95 %, how much is right? On
                          drawn cases; --docs writes it into docs/diagnosis.md
+  bench public [--only NAME,…] [--docs]
+                         three public sets under the rules of their tables;
+                         --docs writes docs/public.md
   bench real [--only NAME,…] [--docs] [--softrig PROGRAM]
                          recordings of eight real rigs: the diagnosis beside
                          black boxes; --docs writes docs/real.md; --softrig takes

@@ -330,6 +330,8 @@ pub struct Columns {
     pub flip_angle: bool,
     /// Pressure and angle stand in each other's column.
     pub exchange: bool,
+    /// Nothing of the pressure is beyond half the sampling rate.
+    pub band_limited: bool,
 }
 
 impl Columns {
@@ -402,6 +404,7 @@ impl Columns {
             angle_zero_deg: self.angle_zero_deg.or(other.angle_zero_deg),
             flip_angle: self.flip_angle || other.flip_angle,
             exchange: self.exchange || other.exchange,
+            band_limited: self.band_limited || other.band_limited,
         }
     }
 
@@ -435,6 +438,9 @@ impl Columns {
         }
         if self.exchange {
             flags.push("--exchange-columns".to_owned());
+        }
+        if self.band_limited {
+            flags.push("--band-limited".to_owned());
         }
         flags.join(" ")
     }

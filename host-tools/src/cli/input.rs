@@ -84,6 +84,10 @@ pub struct InputArgs {
     /// Exchange the columns of pressure and angle
     #[arg(long)]
     exchange_columns: bool,
+    /// Nothing of the pressure is beyond half the sampling rate, as of a multisine through a
+    /// reconstruction filter: between its samples it is then known, not only a smooth curve
+    #[arg(long)]
+    band_limited: bool,
 }
 
 /// The layout of the recordings of a folder: the section `[recording]` of its `softrig.toml`.
@@ -121,6 +125,7 @@ impl InputArgs {
             angle_zero_deg: self.angle_zero,
             flip_angle: self.flip_angle,
             exchange: self.exchange_columns,
+            band_limited: self.band_limited,
             ..Columns::default()
         };
         Layout {

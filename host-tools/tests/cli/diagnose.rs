@@ -98,6 +98,7 @@ fn assert_verdict(verdict: &Value, schema: &Value) {
         "closure",
         "repair",
         "steps",
+        "test",
         "ended",
         "not_tried",
         "simulation",

@@ -5,6 +5,7 @@ mod held_out_repeats;
 mod not_for_the_board;
 mod sentences;
 mod serial_manual;
+mod test_runs;
 mod tolerance;
 mod turned;
 

@@ -40,6 +40,7 @@ use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Fit;
 use crate::estimate::fitter::Fitter;
 use crate::estimate::identify::far_zeros;
+use crate::estimate::start_from::StartFrom;
 use crate::estimate::unit_errors;
 use crate::estimate::usable::Matter;
 use decide::finding::Finding;
@@ -131,6 +132,10 @@ pub fn diagnose_from(
     refuse_implausible(request.file, &assembled.data)?;
     assembled = assembled.from_rest(used.recordings);
     assembled.data = assembled.data.knowing(&request.file.within);
+    // What starts a test starts a fit.
+    if let Some((_, StartFrom::Samples(samples))) = tests.first() {
+        assembled.data = assembled.data.starting_from(*samples);
+    }
     let mut pass = Pass::with_zeros(&used, &assembled.data, checkpoint, job)?;
     let mut odd_concern = None;
     let mut left_out = None;

@@ -59,6 +59,16 @@ fn shown<R: FromF64>(run: Trajectory<R>, nuisance: &Nuisance) -> Vec<f64> {
         .collect()
 }
 
+/// The pressure that drives simulations.
+fn signal_of(recording: &Recording) -> Signal {
+    let signal = Signal::new(recording.time.clone(), denoise::pressure(recording));
+    if recording.columns.band_limited {
+        signal.band_limited()
+    } else {
+        signal
+    }
+}
+
 impl Session {
     /// Prepares a recording: removes the noise of its pressure, interpolates it, and
     /// finds the initial state. The angle is not usable in `silent`.
@@ -69,10 +79,7 @@ impl Session {
             values.fold(0.0, |largest: f64, value| value.abs().max(largest))
         };
         Self {
-            signal: Arc::new(Signal::new(
-                recording.time.clone(),
-                denoise::pressure(&recording),
-            )),
+            signal: Arc::new(signal_of(&recording)),
             guess: prior.mean,
             prior,
             estimated: true,
@@ -103,10 +110,7 @@ impl Session {
             ..Recording::clone(&self.recording)
         };
         Self {
-            signal: Arc::new(Signal::new(
-                recording.time.clone(),
-                denoise::pressure(&recording),
-            )),
+            signal: Arc::new(signal_of(&recording)),
             recording: Arc::new(recording),
             ..self
         }
@@ -657,6 +661,19 @@ impl Dataset {
             session.prior = session.prior.sharpened(PART);
             session.guess = session.prior.mean;
             Some(session)
+        })
+    }
+
+    /// The same data whose fitted sessions start where so many first samples say, wherever these
+    /// follow a parabola ([`Prior::starting_from`]).
+    pub fn starting_from(&self, samples: usize) -> Self {
+        self.mapped(|_, session| {
+            let prior = session.prior.starting_from(&session.recording, samples)?;
+            Some(Session {
+                prior,
+                guess: prior.mean,
+                ..session.clone()
+            })
         })
     }
 

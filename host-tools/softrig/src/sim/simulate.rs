@@ -16,6 +16,7 @@ use model_core::integrate::{Scheme, step, step_about};
 use model_core::power::Power;
 use model_core::real::Real;
 
+use super::band_limited::{derivatives, quintic};
 use super::dual::FromF64;
 use super::fixed_power::{Fixed, FixedPower};
 use super::work::Work;
@@ -43,6 +44,9 @@ pub struct Signal {
     value: Vec<f64>,
     /// Slope at each sample (Pa/s).
     slope: Vec<f64>,
+    /// Curvature at each sample (Pa/s²) of a signal without anything beyond half the sampling rate,
+    /// which is a quintic between its samples.
+    curvature: Option<Vec<f64>>,
     /// The median time between samples (s).
     interval: f64,
     /// See [`straight`]; found where a step first may span samples.
@@ -66,6 +70,21 @@ impl Signal {
             time,
             value,
             slope,
+            curvature: None,
+        }
+    }
+
+    /// The same signal if nothing of it is beyond half the sampling rate: then its samples say what
+    /// it is between them ([`crate::sim::band_limited`]). As it was where they are not even.
+    #[must_use]
+    pub fn band_limited(self) -> Self {
+        match derivatives(&self.time, &self.value) {
+            Some([slope, curvature]) => Self {
+                slope,
+                curvature: Some(curvature),
+                ..self
+            },
+            None => self,
         }
     }
 
@@ -139,6 +158,11 @@ impl Signal {
         let width = self.time[k + 1] - self.time[k];
         let begin = self.time[k] - self.time[start];
         let u = (position - begin) / width;
+        if let Some(curvature) = &self.curvature {
+            let ends = [k, k + 1].map(|k| [self.value[k], self.slope[k], curvature[k]]);
+            let [value, slope] = quintic(ends, width, u);
+            return offset.chain(value, slope);
+        }
         let rise = self.value[k + 1] - self.value[k];
         let (m0, m1) = (self.slope[k] * width, self.slope[k + 1] * width);
         let (c2, c3) = (3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise);
