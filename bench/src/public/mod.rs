@@ -231,8 +231,17 @@ impl Bench<'_> {
     }
 
     /// Samples of a file as a recording with the columns of `softrig`.
-    fn written(&self, set: &Set, part: &Part, name: &str, folder: &Path) -> Result<PathBuf, String> {
-        let names = format!("time=time_s,pressure={},angle={}", set.input.0, set.output.0);
+    fn written(
+        &self,
+        set: &Set,
+        part: &Part,
+        name: &str,
+        folder: &Path,
+    ) -> Result<PathBuf, String> {
+        let names = format!(
+            "time=time_s,pressure={},angle={}",
+            set.input.0, set.output.0
+        );
         let layout = Layout {
             names: Names::parse(&names)?,
             columns: Columns::default(),
@@ -297,9 +306,7 @@ fn parameters_of(path: &Path) -> Result<usize, String> {
     let file: toml::Table =
         toml::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
     let free = file.get("fit").and_then(|fit| fit.get("free"));
-    let free = free
-        .and_then(toml::Value::as_array)
-        .map_or(0, Vec::len);
+    let free = free.and_then(toml::Value::as_array).map_or(0, Vec::len);
     let effects = file.get("effect").and_then(toml::Value::as_array);
     let of_effect = |effect: &toml::Value| -> usize {
         let values = effect.as_table().into_iter().flat_map(|it| it.values());

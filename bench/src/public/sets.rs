@@ -1,6 +1,5 @@
 //! The sets of the public tables, from `bench/data/public.json`: splits, rules and published errors.
 
-
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 

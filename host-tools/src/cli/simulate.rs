@@ -13,9 +13,10 @@ use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::picture::PictureArgs;
 use softrig::comparison::check_comparable;
-use softrig::estimate::start_from::StartFrom;
 use softrig::estimate::simulation::{ANGLES_DEG, Arithmetic, Drive, HOLDS_S, in_range};
+use softrig::estimate::start_from::StartFrom;
 use softrig_formats::error::write_with_meta;
+use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording, to_csv};
 use softrig_link::record::meta_path;
@@ -117,22 +118,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     )?;
     let file = super::read_model(&path)?;
     args.arithmetic.check(&file)?;
-    let drive = match (&args.recording, args.protocol.as_deref()) {
-        (Some(path), _) => {
-            let (recording, warnings) =
-                Recording::read_as(path, &args.input.layout_over(&file.recording)?)?;
-            for warning in recording.remarks(warnings) {
-                super::warn(&warning);
-            }
-            for warning in check_comparable([&file], std::slice::from_ref(&recording))? {
-                super::warn(&warning);
-            }
-            Drive::measured(recording)
-        }
-        (None, name) => {
-            Drive::protocol(&file, name.unwrap_or("step"), args.angle_deg, args.hold_s)?
-        }
-    };
+    let drive = drive(args, &file)?;
     let model = if args.linear {
         drive.linear_rival(&file.model)
     } else {
@@ -186,9 +172,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .collect();
         let rmse = softrig::statistics::rms(&error);
         result.rmse_deg = Some(rmse);
-        let how = result.start_from.as_ref().map_or_else(String::new, |start| {
-            format!(" (start from {start}, nothing fitted to the rest)")
-        });
+        let how = result
+            .start_from
+            .as_ref()
+            .map_or_else(String::new, |start| {
+                format!(" (start from {start}, nothing fitted to the rest)")
+            });
         text += &format!("RMS error against the recording: {rmse:.3}°{how}\n");
     }
     let shown = Shown {
@@ -211,6 +200,28 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         text += &format!("drawn: {}\n", path.display());
     }
     args.json.deliver(&result, &text)
+}
+
+/// What the model is simulated over: the recording, or the protocol.
+///
+/// # Errors
+///
+/// Faults of the recording, or that there is no such protocol.
+fn drive(args: &Args, file: &ModelFile) -> anyhow::Result<Drive> {
+    Ok(match (&args.recording, args.protocol.as_deref()) {
+        (Some(path), _) => {
+            let (recording, warnings) =
+                Recording::read_as(path, &args.input.layout_over(&file.recording)?)?;
+            for warning in recording.remarks(warnings) {
+                super::warn(&warning);
+            }
+            for warning in check_comparable([file], std::slice::from_ref(&recording))? {
+                super::warn(&warning);
+            }
+            Drive::measured(recording)
+        }
+        (None, name) => Drive::protocol(file, name.unwrap_or("step"), args.angle_deg, args.hold_s)?,
+    })
 }
 
 /// What `softrig simulate --json` writes.

@@ -99,7 +99,11 @@ pub fn diagnose_from(
 ) -> Result<Diagnosis, InputError> {
     let tests = request.tests()?;
     // Test recordings choose nothing.
-    let holdout = if tests.is_empty() { request.holdout } else { &[] };
+    let holdout = if tests.is_empty() {
+        request.holdout
+    } else {
+        &[]
+    };
     let files = [request.recordings, holdout];
     let mut too_many = Vec::new();
     let [fitted, held_out] = match job.allowance.time() {

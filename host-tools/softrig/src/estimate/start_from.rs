@@ -127,12 +127,7 @@ fn at_rest(model: &Model<f64>, zeros: &Nuisance) -> Nuisance {
 }
 
 /// The initial state with which the model comes nearest to the first samples.
-fn from_samples(
-    model: &Model<f64>,
-    session: &Session,
-    zeros: &Nuisance,
-    count: usize,
-) -> Nuisance {
+fn from_samples(model: &Model<f64>, session: &Session, zeros: &Nuisance, count: usize) -> Nuisance {
     let count = count.min(session.recording().len());
     let head = session.recording().slice(&(0..count));
     let free = Prior::of(&head);
