@@ -115,11 +115,9 @@ impl Terminal {
 
 impl Operator for Terminal {
     fn asks(&mut self, what: &str) {
-        self.bar.suspend(|| {
-            remark(&format!(
-                "{what}, and press Enter (q ends without a change)"
-            ))
-        });
+        self.says(&format!(
+            "{what}, and press Enter (q ends without a change)"
+        ));
     }
 
     fn sees(&mut self, counts: Option<f32>) {

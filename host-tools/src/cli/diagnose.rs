@@ -295,13 +295,7 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
         without: &args.without,
         seed: args.seed,
     };
-    let checkpoint = match &args.resume {
-        Some(folder) => Checkpoint::open(folder)?,
-        None => Checkpoint::default(),
-    };
-    if let Some(damaged) = checkpoint.damaged() {
-        super::warn(damaged);
-    }
+    let checkpoint = checkpoint(args)?;
     let clock = Instant::now();
     let budget = args.budget.map(Budget::Time);
     let watched = Watched::start(go_on(args.resume.as_deref()), budget, begun)?;
@@ -355,6 +349,18 @@ fn run_one(args: &Args, model: &PathBuf) -> anyhow::Result<()> {
     }
     args.json.deliver(&verdict, &text)?;
     Ok(picture?)
+}
+
+/// What an earlier run had fitted already.
+fn checkpoint(args: &Args) -> anyhow::Result<Checkpoint> {
+    let Some(folder) = &args.resume else {
+        return Ok(Checkpoint::default());
+    };
+    let checkpoint = Checkpoint::open(folder)?;
+    if let Some(damaged) = checkpoint.damaged() {
+        super::warn(damaged);
+    }
+    Ok(checkpoint)
 }
 
 /// Draws the picture, of the runs that were asked for, where one is asked for.

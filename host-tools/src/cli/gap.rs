@@ -71,7 +71,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let gap = BoardGap::of(&before, &after);
     let mut text = table(&gap);
     if let Some(path) = &args.plot {
-        args.picture.write(path, &gap_figure(&before, &after, &gap))?;
+        args.picture
+            .write(path, &gap_figure(&before, &after, &gap))?;
         text += &format!("\npicture: {}\n", path.display());
     }
     args.json.deliver(&gap, &text)

@@ -13,6 +13,7 @@ use softrig_link::rig_file::rig_file;
 /// `pressure_kpa` and `angle_deg`.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "If the columns mean something else")]
+#[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct InputArgs {
     /// The columns of the recording: time=t,pressure=p_psi,angle=theta; by their numbers, time=#1,
     /// where there is no header. For MCAP files, topics: pressure=/rig/pressure.data,

@@ -121,6 +121,7 @@ impl Port {
 mod tests {
     use std::sync::{Arc, Mutex};
 
+    use wire::command::Command;
     use wire::state::State;
     use wire::telemetry::{Setpoint, Telemetry};
     use wire::text::{Text, sealed};
@@ -217,12 +218,19 @@ mod tests {
             let lines = [0, 300, 600, 900].map(|time_ms| sample(state, time_ms));
             let (worker, script) = started(&lines.each_ref().map(String::as_str));
             worker.set_patience(Duration::from_millis(patience_ms));
+            let hello = Request {
+                id: 1,
+                command: Command::Hello,
+            };
+            worker.send(&hello).unwrap();
             while worker.receive_surely(soon()).is_some() {}
             let patience = worker.silence().patience;
             assert_eq!(patience, Duration::from_millis(patience_ms));
             assert!(worker.take_heard().is_nothing());
             let sent = script.sent.lock().unwrap().clone();
-            String::from_utf8(sent).unwrap().matches("beat").count()
+            let sent = String::from_utf8(sent).unwrap();
+            assert_eq!(sent.matches("hello").count(), 1, "{sent}");
+            sent.matches("beat").count()
         };
         // One as soon as a quarter of a second of the board's has passed, each time.
         assert_eq!(beats(State::Running, 2_000), 3);

@@ -63,7 +63,7 @@ fn weights(away: usize) -> [f64; 2] {
         let bend = (kaiser(step) - 2.0 * kaiser(0.0) + kaiser(-step)) / (step * step);
         return [0.0, bend - PI * PI / 3.0];
     }
-    let sign = if away % 2 == 0 { 1.0 } else { -1.0 };
+    let sign = if away.is_multiple_of(2) { 1.0 } else { -1.0 };
     // sinc′(k) = (−1)^k/k and sinc″(k) = −2(−1)^k/k².
     let odd = sign / k;
     [
