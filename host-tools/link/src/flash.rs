@@ -65,10 +65,27 @@ impl Image {
     /// Names the file and the line of what is wrong, also if it is whole and not softrig's: the
     /// build has written no checksum into it.
     pub fn read(path: &Path) -> Result<Self, InputError> {
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let bytes = std::fs::read(path).map_err(|error| {
             InputError::new(format!("cannot be read: {error}"), ADVICE).in_file(path)
         })?;
-        Self::parse(&text).map_err(|error| error.in_file(path))
+        Self::of(&bytes).map_err(|error| error.in_file(path))
+    }
+
+    /// Reads the bytes of such a file.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::read`], without the name.
+    pub fn of(bytes: &[u8]) -> Result<Self, InputError> {
+        if bytes.starts_with(b"\x7fELF") {
+            return Err(InputError::new(
+                "is a program as the compiler leaves it (ELF), and a board takes Intel's format",
+                "give the .hex beside it; `avr-objcopy -O ihex -R .eeprom IMAGE.elf IMAGE.hex` makes one",
+            ));
+        }
+        let text = std::str::from_utf8(bytes)
+            .map_err(|_| InputError::new("is no text in Intel's format", ADVICE))?;
+        Self::parse(text)
     }
 
     /// Reads the text of such a file.
@@ -453,6 +470,14 @@ mod tests {
         assert_eq!((image.len(), image.checksum()), (0x1_0002, 0x4f2a));
         assert_eq!(image.flash[0x1_0000..], [7, 8]);
         assert_eq!(image.flash[100], ERASED);
+    }
+
+    #[test]
+    fn what_is_no_text_is_told_what_is_wanted() {
+        let said = |bytes: &[u8]| Image::of(bytes).unwrap_err().to_string();
+        assert!(said(b"\x7fELF\x01\x01\x01").contains("give the .hex beside it"));
+        assert!(said(b"\xff\xfe").contains("is no text"));
+        assert!(said(b"hello").contains("line 1"));
     }
 
     #[test]

@@ -156,9 +156,7 @@ fn stage(outside: &dyn Outside, text: &str, share: Option<f64>) {
 }
 
 fn written(image: &[u8], outside: &dyn Outside) -> anyhow::Result<Value> {
-    let text = std::str::from_utf8(image)
-        .map_err(|_| InputError::new("is no text", "choose a .hex file of softrig's firmware"))?;
-    let image = Image::parse(text)?;
+    let image = Image::of(image)?;
     let board = flash::flash(outside.connector(), &image, |now| match now {
         Stage::Searching => stage(outside, "waiting for the bootloader", None),
         Stage::Writing(done, total) => stage(
