@@ -353,8 +353,11 @@ fn forget_first_fit(section: &mut Item) {
         let kept = above
             .split_inclusive('\n')
             .filter(|line| !is_first_fit(line));
+        // Of the empty lines around it one stays.
         let kept: String = kept.collect();
-        decor.set_prefix(kept.replace("\n\n\n", "\n\n"));
+        let kept = kept.replace("\n\n\n", "\n\n");
+        let first = kept.trim_start_matches('\n');
+        decor.set_prefix(format!("\n{first}"));
     }
 }
 

@@ -396,7 +396,11 @@ mod tests {
         let runs = PredictedRun::runs(&session).unwrap();
         let names: Vec<&str> = runs.iter().map(|run| run.name.as_str()).collect();
         assert_eq!(names, ["run 60° 1", "run 42.5 kPa 2"]);
-        assert_eq!(runs[0].finite_errors(), [1.0, 2.0]);
+        // They have been radians.
+        for (error, expected) in runs[0].finite_errors().into_iter().zip([1.0, 2.0]) {
+            assert!((error - expected).abs() < 1e-12, "{error}");
+        }
+        assert_eq!(runs[0].finite_errors().len(), 2);
         assert_eq!(runs[0].time_s, [0.0, 1.0]);
         assert_eq!(runs[1].finite_errors(), [3.0]);
         let gap = BoardGap::of(&runs, &[]);

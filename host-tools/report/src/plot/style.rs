@@ -70,7 +70,7 @@ impl Role {
             Self::Other(index) => match index % 4 {
                 0 => Colour(0x80, 0xCC, 0xF2),
                 1 => Colour(0xE6, 0xA8, 0x10),
-                2 => Colour(0xC8, 0x7A, 0xA8),
+                2 => Colour(0xC8, 0x7C, 0xA8),
                 _ => Colour(0x8A, 0x6A, 0x3E),
             },
         }

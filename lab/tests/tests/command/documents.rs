@@ -33,6 +33,30 @@ const NOT_RUN: &[(&str, &str)] = &[
     ),
     ("softrig init #", "it asks"),
     (
+        "softrig compare --prediction",
+        "a simulation of the reader's; host-tools/tests/cli/own_simulation.rs runs it",
+    ),
+    (
+        "softrig compare --model m.toml --prediction",
+        "a simulation of the reader's; host-tools/tests/cli/own_simulation.rs runs it",
+    ),
+    (
+        "softrig residuals --prediction",
+        "a simulation of the reader's; host-tools/tests/cli/own_simulation.rs runs it",
+    ),
+    (
+        "softrig diagnose --model m.toml --prediction",
+        "a simulation of the reader's; host-tools/tests/cli/own_simulation.rs runs it",
+    ),
+    (
+        "softrig fit --model cubic.toml",
+        "a record of a public benchmark; `cargo xtask bench public` reads it",
+    ),
+    (
+        "softrig simulate --model fit.toml",
+        "a record of a public benchmark; `cargo xtask bench public` reads it",
+    ),
+    (
         "softrig diagnose --model pendulum/",
         "recordings of another laboratory",
     ),
@@ -134,7 +158,13 @@ fn stock(bench: &Bench) {
         let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
         std::fs::copy(data.join(theirs), bench.path(ours)).unwrap();
     }
-    for model in ["model.toml", "m.toml", "without.toml", "models/finger.toml"] {
+    for model in [
+        "model.toml",
+        "m.toml",
+        "nominal.toml",
+        "without.toml",
+        "models/finger.toml",
+    ] {
         copy("stock/model.toml", model);
     }
     for model in ["with.toml", "repaired.toml"] {

@@ -609,7 +609,7 @@ mod tests {
         };
         assert_eq!(
             coarse.to_string(),
-            "stiffness shape (gravity), leaves 0.573° on fitted runs, not yet validated"
+            "gravity, leaves 0.573° on fitted runs, not yet validated"
         );
     }
 
