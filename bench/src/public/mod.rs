@@ -21,7 +21,7 @@ use crate::invariance::known::read_json;
 use crate::processor::{self, Of};
 use crate::real::results::Seconds;
 use sets::{Part, Set};
-use softrig::statistics::swing;
+use softrig::statistics::{rms, swing};
 use softrig_formats::columns::{Columns, Layout, Names};
 use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
 use softrig_tests::process::succeed;
@@ -163,6 +163,26 @@ struct Errors {
     repaired: f64,
 }
 
+/// What the benchmark reads of a fit.
+#[derive(Debug, Deserialize)]
+struct Fitted {
+    rmse_deg: FittedErrors,
+}
+
+/// RMS error of a fit.
+#[derive(Debug, Deserialize)]
+struct FittedErrors {
+    fitted: f64,
+}
+
+/// A final model that was fitted to the whole record.
+struct Refit {
+    /// Its RMS error there.
+    rmse: f64,
+    /// The file with the zeros that it has.
+    zeros: PathBuf,
+}
+
 /// Programs and folders.
 struct Bench<'a> {
     data: PathBuf,
@@ -197,10 +217,17 @@ impl Bench<'_> {
         diagnose.arg(&train).arg("--holdout").args(&tests);
         diagnose.arg("--start-from").arg(starts.join(","));
         diagnose.args(OPTIONS).args(&set.options);
+        if let Some(budget) = &set.budget {
+            diagnose.arg("--budget").arg(budget);
+        }
         diagnose.arg("--json").arg(&verdict).arg("-o").arg(&last);
         let (clock, before) = (Instant::now(), processor::seconds(Of::Children));
         succeed(&mut init, LIMIT, &folder.join("init.txt"))?;
         succeed(&mut diagnose, LIMIT, &folder.join("diagnose.txt"))?;
+        let refit = match &set.budget {
+            Some(_) => Some(self.refit(set, &train, &folder)?),
+            None => None,
+        };
         let cpu = processor::seconds(Of::Children).zip(before);
         let seconds = Seconds {
             wall: clock.elapsed().as_secs_f64(),
@@ -208,12 +235,17 @@ impl Bench<'_> {
         };
         let answer = Verdict::read(&verdict)?;
         let written: Written = read_json(&verdict)?;
-        let courses = set
-            .tests
-            .iter()
-            .zip(&tests)
-            .map(|(test, path)| self.course(set, &test.start, path, &folder));
-        let errors: Vec<f64> = written.test.iter().map(|it| it.repaired).collect();
+        let zeros = refit.as_ref().map_or(verdict.as_path(), |it| &it.zeros);
+        let mut courses = Vec::new();
+        let mut errors: Vec<f64> = written.test.iter().map(|it| it.repaired).collect();
+        for (place, (test, path)) in set.tests.iter().zip(&tests).enumerate() {
+            let (course, rms) = self.course(set, &test.start, (path, zeros), &folder)?;
+            courses.push(course);
+            // The verdict knows the model that it has fitted itself.
+            if refit.is_some() {
+                errors[place] = rms;
+            }
+        }
         let reached = set.tests.iter().zip(&errors);
         let reached = reached.map(|(test, error)| *error <= test.target);
         Ok(json!({
@@ -222,12 +254,29 @@ impl Bench<'_> {
             "answer": answer.in_a_cell(), "heading": answer.heading(),
             "is_named": answer.named().contains(&set.expected.as_str()),
             "reached": reached.collect::<Vec<bool>>(),
-            "train": written.rmse_deg.repaired, "train_refit": written.rmse_deg.refit,
+            "train": refit.map_or(written.rmse_deg.repaired, |it| it.rmse), "train_refit": written.rmse_deg.refit,
             "tests": errors,
             "tests_refit": written.test.iter().map(|it| it.refit).collect::<Vec<f64>>(),
             "parameters": parameters_of(&last)?, "seconds": seconds,
-            "courses": courses.collect::<Result<Vec<Course>, String>>()?,
+            "courses": courses,
         }))
+    }
+
+    /// Fits the final model, with what its effects have in it free, to the whole record.
+    fn refit(&self, set: &Set, train: &Path, folder: &Path) -> Result<Refit, String> {
+        let [last, free] = ["final.toml", "free.toml"].map(|name| folder.join(name));
+        write(&free, &freed(&text_of(&last)?)?)?;
+        let zeros = folder.join("fit.json");
+        let mut fit = Command::new(&self.rig);
+        fit.arg("fit").arg("--model").arg(&free).arg(train);
+        fit.args(&set.options).arg("--json").arg(&zeros);
+        fit.arg("-o").arg(&last);
+        succeed(&mut fit, LIMIT, &folder.join("fit.txt"))?;
+        let fitted: Fitted = read_json(&zeros)?;
+        Ok(Refit {
+            rmse: fitted.rmse_deg.fitted,
+            zeros,
+        })
     }
 
     /// Samples of a file as a recording with the columns of `softrig`.
@@ -267,8 +316,15 @@ impl Bench<'_> {
         Ok(path)
     }
 
-    /// The error of the final model on a test record.
-    fn course(&self, set: &Set, start: &str, test: &Path, folder: &Path) -> Result<Course, String> {
+    /// The error of the final model on a test record: its course, and its RMS but for the samples
+    /// that gave the start.
+    fn course(
+        &self,
+        set: &Set,
+        start: &str,
+        (test, zeros): (&Path, &Path),
+        folder: &Path,
+    ) -> Result<(Course, f64), String> {
         let name = test.file_stem().unwrap_or_default().to_string_lossy();
         let out = folder.join(format!("simulated_{name}.csv"));
         let mut command = Command::new(&self.rig);
@@ -276,7 +332,7 @@ impl Bench<'_> {
         command.arg(folder.join("final.toml"));
         command.arg("--recording").arg(test);
         command.arg("--start-from").arg(start);
-        command.arg("--zeros").arg(folder.join("verdict.json"));
+        command.arg("--zeros").arg(zeros);
         command.args(&set.options).arg("-o").arg(&out);
         succeed(&mut command, LIMIT, &folder.join("simulate.txt"))?;
         let (run, _) = Recording::read(&out).map_err(|error| error.to_string())?;
@@ -286,8 +342,35 @@ impl Bench<'_> {
         let measured: Vec<f64> = run.angle.iter().map(|it| it.to_degrees()).collect();
         let pairs = predicted.iter().zip(&measured);
         let error: Vec<f64> = pairs.map(|(ours, measured)| ours - measured).collect();
-        Ok(Course::of(&name, &run.time, &measured, &error))
+        let judged = error.get(start.parse().unwrap_or(0)..).unwrap_or_default();
+        let course = Course::of(&name, &run.time, &measured, &error);
+        Ok((course, rms(judged)))
     }
+}
+
+/// The text of a model in which all numbers of its effects are free.
+fn freed(text: &str) -> Result<String, String> {
+    let mut file: toml_edit::DocumentMut = text
+        .parse()
+        .map_err(|error: toml_edit::TomlError| error.to_string())?;
+    let effects = file
+        .get("effect")
+        .and_then(toml_edit::Item::as_array_of_tables);
+    let names: Vec<String> = effects
+        .into_iter()
+        .flatten()
+        .flat_map(|effect| {
+            let kind = effect.get("kind").and_then(toml_edit::Item::as_str);
+            let numbers = effect
+                .iter()
+                .filter(|(_, value)| value.is_float() || value.is_integer());
+            let names = numbers.map(|(key, _)| format!("{}.{key}", kind.unwrap_or_default()));
+            names.collect::<Vec<_>>()
+        })
+        .collect();
+    let free = file["fit"]["free"].as_array_mut().ok_or("no [fit] free")?;
+    free.extend(names);
+    Ok(file.to_string())
 }
 
 /// Says in the metadata of a record that the zero of its input is not known: a tenth of its range.
@@ -349,6 +432,16 @@ mod tests {
         let text = "[fit]\nfree = [\"damping\"]\n[[effect]]\nkind = \"x\"\nforce_n = 1.0\n";
         fs::write(&path, text).unwrap();
         assert_eq!(parameters_of(&path).unwrap(), 4);
+    }
+
+    #[test]
+    fn the_numbers_of_effects_are_set_free() {
+        let text = "[fit]\nfree = [\"damping\"]\n[[effect]]\nkind = \"cubic_stiffness\"\nstiffness_n_per_rad3 = 1.0\n";
+        let freed = freed(text).unwrap();
+        assert!(
+            freed.contains("free = [\"damping\", \"cubic_stiffness.stiffness_n_per_rad3\"]"),
+            "{freed}"
+        );
     }
 
     #[test]

@@ -36,6 +36,10 @@ pub struct Set {
     pub tests: Vec<Test>,
     /// Options beside those of all sets: what is known of the input.
     pub options: Vec<String>,
+    /// The time of the diagnosis, where the record is too long for it: it then reads as many samples as
+    /// it can, and the model that it names is fitted to all of them.
+    #[serde(default)]
+    pub budget: Option<String>,
     /// Published errors in the unit, of each test.
     pub published: Vec<Published>,
 }
