@@ -389,7 +389,10 @@ fn parameters_of(path: &Path) -> Result<usize, String> {
     let file: toml::Table =
         toml::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;
     let free = file.get("fit").and_then(|fit| fit.get("free"));
-    let free = free.and_then(toml::Value::as_array).map_or(0, Vec::len);
+    let free = free.and_then(toml::Value::as_array).into_iter().flatten();
+    // Those of effects are counted with their effects.
+    let of_base = |name: &&toml::Value| name.as_str().is_some_and(|it| !it.contains('.'));
+    let free = free.filter(of_base).count();
     let effects = file.get("effect").and_then(toml::Value::as_array);
     let of_effect = |effect: &toml::Value| -> usize {
         let values = effect.as_table().into_iter().flat_map(|it| it.values());
@@ -429,7 +432,8 @@ mod tests {
     fn parameters_are_counted_with_zeros() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("m.toml");
-        let text = "[fit]\nfree = [\"damping\"]\n[[effect]]\nkind = \"x\"\nforce_n = 1.0\n";
+        let text =
+            "[fit]\nfree = [\"damping\", \"x.force_n\"]\n[[effect]]\nkind = \"x\"\nforce_n = 1.0\n";
         fs::write(&path, text).unwrap();
         assert_eq!(parameters_of(&path).unwrap(), 4);
     }
