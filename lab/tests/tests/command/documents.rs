@@ -49,14 +49,6 @@ const NOT_RUN: &[(&str, &str)] = &[
         "a simulation of the reader's; host-tools/tests/cli/own_simulation.rs runs it",
     ),
     (
-        "softrig fit --model cubic.toml",
-        "a record of a public benchmark; `cargo xtask bench public` reads it",
-    ),
-    (
-        "softrig simulate --model fit.toml",
-        "a record of a public benchmark; `cargo xtask bench public` reads it",
-    ),
-    (
         "softrig diagnose --model pendulum/",
         "recordings of another laboratory",
     ),
