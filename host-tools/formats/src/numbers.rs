@@ -13,6 +13,11 @@
 
 use std::time::Duration;
 
+/// A number of things: one run, two runs.
+pub fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 /// A share in whole percent.
 pub fn percent(share: f64) -> String {
     /// Shares below this round to 0 %.
@@ -171,6 +176,12 @@ pub fn spelled(time: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_is_no_plural() {
+        assert_eq!(counted(1, "run"), "1 run");
+        assert_eq!(counted(0, "structure"), "0 structures");
+    }
 
     #[test]
     fn three_digits_and_no_more() {

@@ -393,6 +393,14 @@ pub fn key_text(key: Key) -> String {
     text.0
 }
 
+/// Those of the wanted settings that a board with `settings` does not have yet.
+pub fn changes(settings: &Settings, wanted: Vec<Assignment>) -> Vec<Assignment> {
+    wanted
+        .into_iter()
+        .filter(|&(key, bits)| settings.bits(key) != Some(bits))
+        .collect()
+}
+
 /// A table of changes: names, old and new values, units.
 pub fn changes_text(settings: &Settings, changes: &[Assignment]) -> String {
     let mut after = settings.clone();

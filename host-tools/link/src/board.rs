@@ -329,7 +329,10 @@ impl Link {
         changes: &[(Key, u32)],
         mut progress: impl FnMut(u64, u64),
     ) -> Result<(), NotChanged> {
-        self.check_rest().map_err(|source| NotChanged {
+        self.check_rest(
+            "settings are changed only while nothing moves: stop it first (`softrig monitor`, key s)",
+        )
+        .map_err(|source| NotChanged {
             accepted: false,
             source: Box::new(source),
         })?;
@@ -351,16 +354,13 @@ impl Link {
             })
     }
 
-    /// Refuses to change settings while something moves.
-    fn check_rest(&mut self) -> Result<(), LinkError> {
+    /// Refuses what needs a rig that does nothing; the advice is for one that moves.
+    pub(crate) fn check_rest(&mut self, advice: &str) -> Result<(), LinkError> {
         let state = self.status()?.state;
         if matches!(state, State::Idle | State::Fault) {
             return Ok(());
         }
-        Err(self.late(
-            &format!("the board is {}", state.name()),
-            "settings are changed only while nothing moves: stop it first (`softrig monitor`, key s)",
-        ))
+        Err(self.late(&format!("the board is {}", state.name()), advice))
     }
 
     fn draft(

@@ -8,9 +8,8 @@ use std::time::Duration;
 
 use softrig_formats::error::InputError;
 use softrig_formats::instant::Instant;
-use softrig_formats::settings_file::Assignment;
+use softrig_formats::settings_file::{Assignment, changes};
 use wire::settings::{FLEX_POINTS, Key, Settings};
-use wire::state::State;
 
 use crate::{Event, Link, LinkError};
 
@@ -106,15 +105,7 @@ pub fn calibrate(
     plan: Plan,
     operator: &mut dyn Operator,
 ) -> anyhow::Result<String> {
-    let status = link.status()?;
-    if !matches!(status.state, State::Idle | State::Fault) {
-        return Err(link
-            .late(
-                &format!("the board is {}", status.state.name()),
-                "calibrate at rest: stop it first (`softrig monitor`, key s)",
-            )
-            .into());
-    }
+    link.check_rest("calibrate at rest: stop it first (`softrig monitor`, key s)")?;
     let settings = link.read_settings(|_, _| ())?;
     if plan.assumed.is_none() {
         warn_of_reach(&plan, &settings, operator);
@@ -140,10 +131,7 @@ pub fn calibrate(
     if plan.dry_run {
         return Ok(String::new());
     }
-    let changes: Vec<Assignment> = wanted
-        .into_iter()
-        .filter(|&(key, bits)| settings.bits(key) != Some(bits))
-        .collect();
+    let changes = changes(&settings, wanted);
     link.change_settings(&changes, |_, _| ())?;
     let written = format!("{} settings written, stored and read back\n", changes.len());
     Ok(written + &check(link)?)

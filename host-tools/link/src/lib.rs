@@ -26,6 +26,7 @@ mod port;
 pub mod record;
 pub mod rig_file;
 mod transport;
+pub mod usb;
 #[cfg(not(target_family = "wasm"))]
 mod virtual_rigs;
 mod worker;

@@ -11,6 +11,7 @@ use serialport::{ErrorKind, SerialPort as _, SerialPortType};
 
 use super::holders::{Holder, holders};
 use super::transport::{BAUD, Channel, Connector};
+use super::usb::looks_like_a_board;
 use super::virtual_rigs::{VirtualRig, virtual_rigs};
 use softrig_formats::error::InputError;
 
@@ -342,18 +343,6 @@ fn describe(port: &serialport::SerialPortInfo) -> PortFound {
     }
 }
 
-/// Vendors 2341 and 2a03 are Arduino's, with the products of the Mega; 1a86 is
-/// the CH340 on most copies, 0403 the FTDI and 10c4 the CP210x on others.
-fn looks_like_a_board(vendor: u16, product: u16) -> bool {
-    match vendor {
-        0x2341 | 0x2a03 => matches!(product, 0x0010 | 0x0042 | 0x0210 | 0x0242),
-        0x1a86 => matches!(product, 0x7523 | 0x5523 | 0x55d4),
-        0x0403 => product == 0x6001,
-        0x10c4 => product == 0xea60,
-        _ => false,
-    }
-}
-
 /// Whether the system would let this user open a port, without opening it:
 /// that would reset a board in the middle of a run.
 #[cfg(unix)]
@@ -402,16 +391,6 @@ pub fn is_pseudo_terminal(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn boards_and_their_copies_are_recognised() {
-        for (vendor, product) in [(0x2341, 0x0042), (0x2a03, 0x0042), (0x1a86, 0x7523)] {
-            assert!(looks_like_a_board(vendor, product));
-        }
-        // An Uno, and a mouse.
-        assert!(!looks_like_a_board(0x2341, 0x0043));
-        assert!(!looks_like_a_board(0x046d, 0xc077));
-    }
 
     #[test]
     fn who_has_a_port_open_is_named_with_what_to_do() {

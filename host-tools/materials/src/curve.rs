@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 
 use softrig_formats::bounded::Limits;
 use softrig_formats::error::InputError;
+use softrig_formats::numbers::counted;
 use softrig_formats::table::{Header, Numbers, Row, Rows, Wanted, seems_number};
 use strum::{Display, EnumMessage, EnumString, IntoStaticStr, VariantArray};
 
@@ -89,10 +90,6 @@ pub struct TensileCurve {
     pub samples: Vec<Sample>,
     /// Oddities of the file that do not prevent a fit, as sentences.
     pub notes: Vec<String>,
-}
-
-fn plural(count: usize, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 fn quoted(names: &[String]) -> String {
@@ -480,7 +477,7 @@ impl Reader<'_> {
         InputError::new(
             format!(
                 "{} where the header names {expected}",
-                plural(fields, "field")
+                counted(fields, "field")
             ),
             advice,
         )

@@ -11,7 +11,7 @@ use softrig_formats::recording::{Recording, SegmentMeta};
 
 use crate::estimate::assemble::{Group, grouped};
 use crate::prediction::Prediction;
-use crate::statistics::rms;
+use crate::statistics::{median, rms};
 
 /// One run with the board's prediction.
 #[derive(Clone, Debug, PartialEq)]
@@ -251,10 +251,9 @@ impl Tracking {
             .iter()
             .flat_map(PredictedRun::overshoots_percent)
             .collect();
-        overshoots.sort_by(f64::total_cmp);
         (!errors.is_empty()).then(|| Self {
             rms_deg: rms(&errors),
-            overshoot_percent: overshoots.get(overshoots.len() / 2).copied(),
+            overshoot_percent: (!overshoots.is_empty()).then(|| median(&mut overshoots)),
         })
     }
 

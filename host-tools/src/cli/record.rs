@@ -171,7 +171,6 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let Recorded {
         mut text,
         has_moved,
-        ..
     } = recorded?;
     if has_moved {
         text += &format!(

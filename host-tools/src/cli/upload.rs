@@ -106,10 +106,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         let about = format!("settings {} of firmware {}", board.settings, board.firmware);
         return Ok(super::print(&settings_file::to_text(&settings, &about))?);
     }
-    let changes: Vec<Assignment> = wanted
-        .into_iter()
-        .filter(|&(key, bits)| settings.bits(key) != Some(bits))
-        .collect();
+    let changes = settings_file::changes(&settings, wanted);
     if changes.is_empty() {
         return Ok(super::print("The board has these settings already.\n")?);
     }

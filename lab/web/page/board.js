@@ -1,7 +1,7 @@
 // ---- A board at a port of this computer: connect, flash, check, record, upload, gap.
 
-// USB chips of the Mega and its copies: Arduino, CH340, FTDI, CP210x.
-const BOARDS = [0x2341, 0x2a03, 0x1a86, 0x0403, 0x10c4].map((usbVendorId) => ({ usbVendorId }));
+// USB chips behind which a board may be.
+let chips = [];
 
 // How often an unfinished recording is put where a closed tab does not lose it (ms).
 const KEPT_EVERY = 1000;
@@ -241,7 +241,7 @@ function stopRig() {
 }
 
 async function connect() {
-  port.device = await navigator.serial.requestPort({ filters: $("any-port").checked ? [] : BOARDS }).catch((error) => {
+  port.device = await navigator.serial.requestPort({ filters: $("any-port").checked ? [] : chips }).catch((error) => {
     if (error.name === "NotFoundError") return null;
     throw error;
   });
@@ -329,7 +329,8 @@ function shown() {
   $("rig-table").hidden = $("rig-table").textContent === "";
 }
 
-function beginRig(protocols) {
+function beginRig({ protocols, boards }) {
+  chips = boards.map(([usbVendorId, usbProductId]) => ({ usbVendorId, usbProductId }));
   const hasPort = "serial" in navigator;
   $("no-port").hidden = hasPort;
   $("with-port").hidden = !hasPort;

@@ -517,7 +517,7 @@ async function clear() {
 
 async function begin() {
   const choices = await ask({ ask: "choices" });
-  beginRig(choices.protocols);
+  beginRig(choices);
   $("material").append(...choices.materials.map((name) => made("option", { value: name, textContent: name })));
   quantities = choices.quantities;
   $("triples").replaceChildren(...quantities.map(({ key, column, units }) => {

@@ -12,7 +12,7 @@ use softrig::diagnose::decide::verdict::zeros_in;
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::protocol_file::ProtocolFile;
-use softrig_formats::settings_file::{Assignment, changes_text, from_model};
+use softrig_formats::settings_file::{changes, changes_text, from_model};
 use softrig_formats::setup::Setup;
 use softrig_link::calibrate::{Operator as Bender, Plan as Calibration, calibrate, check_angles};
 use softrig_link::commission::session::{
@@ -23,6 +23,7 @@ use softrig_link::flash::{self, Image, Stage};
 use softrig_link::record::session::{Attendant, Plan, record};
 use softrig_link::record::{LoggedSample, Shelf};
 use softrig_link::rig_file::ClockRate;
+use softrig_link::usb::BOARDS;
 use softrig_link::{Connector, Link, Timing};
 use wire::decimal::Hundredths;
 use wire::protocol::Named;
@@ -120,6 +121,14 @@ pub fn protocols() -> Value {
     known.collect()
 }
 
+/// The USB chips behind which a board may be: vendor and product.
+pub fn boards() -> Value {
+    let chips = BOARDS.iter().flat_map(|(vendor, products)| {
+        products.iter().map(move |product| json!([vendor, product]))
+    });
+    chips.collect()
+}
+
 /// Does what is asked; `bytes` are those of the file that comes with it.
 ///
 /// # Errors
@@ -200,10 +209,9 @@ fn recorded(plan: &Plan, outside: &dyn Outside) -> anyhow::Result<Value> {
     let mut visitor = Visitor {
         outside,
         drawn_ms: i64::MIN,
-        warnings: Vec::new(),
     };
     let recorded = record(outside.connector(), plan, outside.shelf(), &mut visitor)?;
-    Ok(json!({ "sentence": recorded.text, "warnings": visitor.warnings }))
+    Ok(json!({ "sentence": recorded.text }))
 }
 
 /// Who looks at the page while a rig is recorded.
@@ -211,7 +219,6 @@ struct Visitor<'o> {
     outside: &'o dyn Outside,
     /// Time of the last sample that was drawn (ms).
     drawn_ms: i64,
-    warnings: Vec<String>,
 }
 
 impl Attendant for Visitor<'_> {
@@ -249,7 +256,6 @@ impl Attendant for Visitor<'_> {
 
     fn warns(&mut self, text: &str) {
         self.outside.shows(&json!({ "remark": text }));
-        self.warnings.push(text.to_owned());
     }
 
     fn has_enough(&self) -> bool {
@@ -435,10 +441,7 @@ fn uploaded(model: &str, verdict: Option<&str>, outside: &dyn Outside) -> anyhow
     if let Some(zeros) = zeros.transpose()? {
         wanted.extend(zeros.taken_from(&settings, &wanted)?);
     }
-    let changes: Vec<Assignment> = wanted
-        .into_iter()
-        .filter(|&(key, bits)| settings.bits(key) != Some(bits))
-        .collect();
+    let changes = changes(&settings, wanted);
     let table = changes_text(&settings, &changes);
     if !changes.is_empty() {
         link.change_settings(&changes, |done, total| {

@@ -32,7 +32,7 @@ use softrig_report::plot::to_inline_svg;
 use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, METADATA, MODEL, Provenance, Source};
 use softrig_report::terminal::summary;
 
-use crate::board::protocols;
+use crate::board::{boards, protocols};
 
 /// The file of a folder, whose section `[recording]` says where its recordings stand.
 const FOLDER_FILE: &str = "softrig.toml";
@@ -690,6 +690,7 @@ fn shown(held: &Held, recording: &Recording, warnings: &[String], layout: &Layou
 fn choices() -> Value {
     json!({
         "version": env!("CARGO_PKG_VERSION"),
+        "boards": boards(),
         "protocols": protocols(),
         "quantities": Quantity::ALL.map(|of| json!({
             "key": of.key(),

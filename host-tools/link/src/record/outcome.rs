@@ -1,7 +1,5 @@
 //! How a recording ended, in words.
 
-use std::path::PathBuf;
-
 use anyhow::Context;
 
 use super::{Gap, Part, Recorder, black_box_path};
@@ -23,8 +21,6 @@ pub struct Recorded {
     pub text: String,
     /// Whether a protocol was played.
     pub has_moved: bool,
-    /// The files of single steps.
-    pub runs: Vec<PathBuf>,
 }
 
 impl Recorded {
@@ -60,7 +56,6 @@ impl Recorded {
         Ok(Self {
             text: text + &runs_said,
             has_moved,
-            runs,
         })
     }
 }

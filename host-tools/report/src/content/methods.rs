@@ -6,6 +6,7 @@ use softrig::diagnose::{Diagnosis, Request};
 use super::errors::ErrorRow;
 use super::tried::TriedGroup;
 use super::words::probability;
+use softrig_formats::numbers::counted;
 
 /// The paragraph, to be copied.
 pub(super) fn methods(
@@ -29,7 +30,7 @@ pub(super) fn methods(
         _ if held_out.in_turn => "; each run was also predicted by a fit without it. ".to_owned(),
         0 => ". ".to_owned(),
         count => format!(
-            "; {} were kept for validation and not fitted. ",
+            "; {} stayed unfitted, for validation. ",
             counted(count, "further run")
         ),
     };
@@ -59,21 +60,4 @@ pub(super) fn methods(
         );
     }
     text + "."
-}
-
-/// A number of things, in words that agree with it.
-fn counted(count: usize, what: &str) -> String {
-    let plural = if count == 1 { "" } else { "s" };
-    format!("{count} {what}{plural}")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_is_no_plural() {
-        assert_eq!(counted(1, "run"), "1 run");
-        assert_eq!(counted(0, "structure"), "0 structures");
-    }
 }

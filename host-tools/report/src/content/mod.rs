@@ -103,10 +103,13 @@ impl Content {
 
     /// Says the same of somebody else's simulation, for which the model stands in.
     pub fn speak_of_simulation(&mut self, stand_in: &StandIn) {
+        let of_model = self.sentence.clone();
         for model in ["The model", "the model"] {
             let simulation = format!("{} simulation in {}", &model[..3], stand_in.column);
             self.sentence = self.sentence.replace(model, &simulation);
         }
+        self.methods = self.methods.replace(&of_model, &self.sentence);
+        self.methods += &format!(" Of the simulation: {}.", stand_in.caveat);
         let about = Notice {
             about: Some(stand_in.column.clone()),
             text: stand_in.caveat.clone(),
