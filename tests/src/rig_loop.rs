@@ -159,9 +159,6 @@ pub struct Gap {
     pub after: Side,
     /// Both, in a sentence.
     pub sentence: String,
-    /// How the rig follows its set-points, before and after; none without any.
-    #[serde(default)]
-    pub tracking: Option<String>,
 }
 
 /// The error of the board's prediction over some runs.

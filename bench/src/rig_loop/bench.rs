@@ -356,7 +356,6 @@ mod tests {
                     before: Side { rms_deg: gaps.0 },
                     after: Side { rms_deg: gaps.1 },
                     sentence: String::new(),
-                    tracking: None,
                 },
             }),
         }

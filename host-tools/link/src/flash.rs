@@ -477,7 +477,7 @@ mod tests {
         let said = |bytes: &[u8]| Image::of(bytes).unwrap_err().to_string();
         assert!(said(b"\x7fELF\x01\x01\x01").contains("give the .hex beside it"));
         assert!(said(b"\xff\xfe").contains("is no text"));
-        assert!(said(b"hello").contains("line 1"));
+        assert!(said(b"hello").contains("is no line of Intel's format"));
     }
 
     #[test]

@@ -142,11 +142,7 @@ fn demo(args: &Args) -> Result<(), String> {
     println!("\nthe loop took {:.1} s", clock.elapsed().as_secs_f64());
     let hidden = folder.hidden();
     let hidden = hidden.ok_or("the virtual rig did not write down what it hid")?;
-    let gap = match &gap.tracking {
-        Some(tracking) => format!("{} {tracking}", gap.sentence),
-        None => gap.sentence,
-    };
-    println!("\n{}", summary(&hidden, &verdict, &gap));
+    println!("\n{}", summary(&hidden, &verdict, &gap.sentence));
     Ok(())
 }
 
