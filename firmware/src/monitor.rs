@@ -15,7 +15,7 @@ use wire::{
     settings::{Key, Settings},
 };
 
-use crate::{control::angle::Expected, design::PERIOD_S, units::DEG_PER_RAD};
+use crate::{design::PERIOD_S, units::DEG_PER_RAD};
 
 /// The readings of a telemetry line, as they are sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,19 +64,6 @@ impl Monitor {
     /// The predictor's state.
     pub fn prediction(&self) -> Option<&Prediction> {
         self.prediction.as_ref()
-    }
-
-    /// The predicted state, for the angle loop; none before the first readings, and after
-    /// the model diverged.
-    pub fn expected(&self, predictor: &Predictor) -> Option<Expected> {
-        let prediction = self.prediction.as_ref()?;
-        let expected = Expected {
-            reading: prediction.reading(),
-            angle: prediction.angle(),
-            rate: predictor.rate(prediction),
-        };
-        (expected.reading.is_finite() && expected.angle.is_finite() && expected.rate.is_finite())
-            .then_some(expected)
     }
 
     /// Advances to the next telemetry line: starts from it if there is no prediction and

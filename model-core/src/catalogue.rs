@@ -449,6 +449,10 @@ impl<R: Real, T: Mechanism<R>> Mechanism<R> for Effect<R, T> {
         each!(self, effect => Mechanism::<R>::pressure_behind(effect, pressure))
     }
 
+    fn pressure_towards(&self, pressure: R, hidden: &Hidden<R>) -> R {
+        each!(self, effect => Mechanism::<R>::pressure_towards(effect, pressure, hidden))
+    }
+
     fn behind(&self, shown: Motion<R>) -> Motion<R> {
         each!(self, effect => effect.behind(shown))
     }

@@ -281,6 +281,12 @@ impl Predictor {
         (f32::from(self.late) + self.part) * STEP_S
     }
 
+    /// The pressure (Pa) at the sensor that accelerates the actuator by so much (rad/s²):
+    /// [`Prepared::pressure_for`]. A dead time is not inverted.
+    pub fn pressure_for(&self, prediction: &Prediction, acceleration: f32) -> f32 {
+        self.prepared.pressure_for(&prediction.motion, acceleration)
+    }
+
     /// The angular rate (rad/s).
     pub fn rate(&self, prediction: &Prediction) -> f32 {
         self.prepared.rate(&prediction.motion)

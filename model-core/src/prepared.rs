@@ -452,6 +452,7 @@ impl Prepared {
             self.step_parts(motion, pressure, time);
         } else {
             motion.step.angle += motion.way;
+            motion.step.chamber = pressure;
             motion.kick = self.base.leapfrog.push(pressure) - self.spring.pull(motion.step.angle);
             motion.way = self.base.leapfrog.kept(motion.way) + motion.kick;
         }
@@ -525,6 +526,33 @@ impl Prepared {
         }
     }
 
+    /// The pressure (Pa) at the sensor that accelerates the actuator by so much (rad/s²) from
+    /// where it is: the inverse of the equation of motion, with what the effects remember. The
+    /// lags of the input path are not inverted.
+    #[inline(never)]
+    pub fn pressure_for(&self, motion: &Motion, acceleration: f32) -> f32 {
+        let Base {
+            model, leapfrog, ..
+        } = &self.base;
+        let dynamics = model.dynamics();
+        let rate = self.rate(motion);
+        let mut force = dynamics.inertia * acceleration + dynamics.damping * rate;
+        if self.glides {
+            force += dynamics.inertia * deceleration(model, rate);
+        }
+        // The kick is what all other forces add to the way, that of the present pressure too.
+        force -= motion.kick / leapfrog.per_newton();
+        let mut pressure = motion.step.chamber + force / dynamics.input_gain;
+        for index in (0..usize::from(self.count)).rev() {
+            if let (Some(slot), Some(memory)) =
+                (model.occupied().nth(index), motion.memory.get(index))
+            {
+                pressure = slot.pressure_towards(pressure, memory);
+            }
+        }
+        pressure
+    }
+
     /// The rate (rad/s) at the end of a step.
     pub fn rate(&self, motion: &Motion) -> f32 {
         self.base.leapfrog.rate_under(motion.way, motion.kick)
@@ -538,7 +566,7 @@ mod tests {
     use crate::dynamics::Dynamics;
     use crate::effects;
     use crate::effects::table::Table;
-    use crate::input::Input;
+    use crate::input::{Held, Input};
     use crate::integrate::{Scheme, step};
 
     const INTERVAL: f32 = 0.01;
@@ -625,6 +653,46 @@ mod tests {
             table(Variable::Pressure, &[0.0, 5e4, 9e4], &[0.0, 0.1, -0.1]),
             table(Variable::Time, &[1.0, 7.0], &[0.0, 0.2]),
         ]
+    }
+
+    /// Under the pressure for an acceleration the model has that acceleration. A lag lets the
+    /// pressure through later, a play at its one side or the other, and a damping by the angle is
+    /// not reckoned with.
+    #[test]
+    fn the_pressure_for_an_acceleration_accelerates_by_it() {
+        for &kind in Kind::NAMES {
+            let Some(effect) = strong(kind) else { continue };
+            if matches!(
+                kind,
+                Kind::PneumaticLag | Kind::VentAsymmetry | Kind::AngleDependentDamping
+            ) {
+                continue;
+            }
+            let narrow: Model<f32> = Model::new(DYNAMICS, &[effect]).unwrap();
+            let plan = plan(&narrow, FARTHEST, INTERVAL).unwrap();
+            let prepared = Prepared::new(&narrow, plan, INTERVAL);
+            let wide: Model<f64> =
+                Model::new(DYNAMICS.map(f64::from), &[effect.map(f64::from)]).unwrap();
+            for (angle, rate, wanted) in [(0.5, 0.0, 0.0), (0.5, 0.3, 4.0), (0.9, -0.4, -3.0)] {
+                let start = 40_000.0;
+                let motion = prepared.at(&narrow.moving(angle, rate, start), start);
+                let pressure = prepared.pressure_for(&motion, wanted);
+                let state: State<f64> = wide.moving(angle.into(), rate.into(), start.into());
+                let under = Held(f64::from(pressure));
+                let mut reached = wide.derivative(&state, &under, 0.0).acceleration;
+                if kind == Kind::PressureStiffening {
+                    // By the stiffness at the pressure of before: the loop comes again in 10 ms.
+                    let again = prepared.at(&narrow.moving(angle, rate, pressure), pressure);
+                    let pressure = Held(f64::from(prepared.pressure_for(&again, wanted)));
+                    reached = wide.derivative(&state, &pressure, 0.0).acceleration;
+                }
+                let gap = (reached - f64::from(wanted)).abs();
+                assert!(
+                    gap < 0.3,
+                    "{kind:?} at {angle}, {rate}: {reached}, not {wanted}"
+                );
+            }
+        }
     }
 
     /// Whatever rests or moves is where it was, by way of its state.

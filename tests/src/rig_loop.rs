@@ -19,8 +19,10 @@ use crate::process::root;
 use crate::text_of;
 use crate::verdict::{Kinds, Verdict};
 
-/// What is recorded, by the name that the board knows.
+/// What is recorded to be diagnosed, by the name that the board knows.
 pub const PROTOCOL: &str = "steps";
+/// What shows how well a model controls.
+pub const CLOSED_LOOP: &str = "follow";
 
 /// How long the simulator may take to offer its port.
 const PORT_LIMIT: Duration = Duration::from_secs(120);
@@ -118,7 +120,21 @@ impl Folder {
     ///
     /// What is wrong with the file.
     pub fn gap(&self) -> Result<Gap, String> {
-        let path = self.path("gap.json");
+        self.gap_in("gap.json")
+    }
+
+    /// How set-points were followed before and after, in a sentence.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the file.
+    pub fn tracking(&self) -> Result<String, String> {
+        let tracking = self.gap_in("follow.json")?.tracking;
+        tracking.ok_or_else(|| "nothing followed set-points in degrees".into())
+    }
+
+    fn gap_in(&self, name: &str) -> Result<Gap, String> {
+        let path = self.path(name);
         serde_json::from_str(&text_of(&path)?)
             .map_err(|error| format!("{}: {error}", path.display()))
     }
@@ -159,6 +175,8 @@ pub struct Gap {
     pub after: Side,
     /// Both, in a sentence.
     pub sentence: String,
+    /// How set-points were followed, in a sentence; none without set-points in degrees.
+    pub tracking: Option<String>,
 }
 
 /// The error of the board's prediction over some runs.
@@ -281,6 +299,38 @@ pub fn record(programs: &Programs, board: &Board, folder: &Folder, when: &str) -
         .args(["record", "--port", &board.port, "--protocol", PROTOCOL])
         .arg("-o")
         .arg(folder.file(when).join("run.csv"));
+    command
+}
+
+/// Lets the board follow set-points in closed loop, into `before/follow.csv` or `after/follow.csv`.
+pub fn follow(programs: &Programs, board: &Board, folder: &Folder, when: &str) -> Command {
+    let mut command = programs.rig();
+    command
+        .args([
+            "record",
+            "--port",
+            &board.port,
+            "--protocol",
+            CLOSED_LOOP,
+            "--clear",
+        ])
+        .arg("-o")
+        .arg(folder.file(when).join("follow.csv"));
+    command
+}
+
+/// Compares how the board followed set-points before and after.
+pub fn tracking(programs: &Programs, folder: &Folder) -> Command {
+    let mut command = programs.rig();
+    command
+        .arg("gap")
+        .arg(folder.file("before/follow.csv"))
+        .arg("--after")
+        .arg(folder.file("after/follow.csv"))
+        .arg("--json")
+        .arg(folder.file("follow.json"))
+        .arg("--plot")
+        .arg(folder.file("follow.svg"));
     command
 }
 

@@ -524,6 +524,14 @@ const fn ramp(degrees: i32, duration_ms: u32) -> Segment {
     }
 }
 
+const fn follow(degrees: i32, duration_ms: u32) -> Segment {
+    Segment::Step {
+        mode: ControlMode::AngleClosedLoop,
+        level: Hundredths(degrees * 100),
+        duration_ms,
+    }
+}
+
 const fn release(duration_ms: u32) -> Segment {
     Segment::Release { duration_ms }
 }
@@ -575,6 +583,11 @@ named! {
     /// The pump stopped at 60°: creep of the actuator against a leak.
     HoldStill, "hold", "60 degrees, then the pump stopped for 20 seconds", [
         0 => step(60, 4_000), 1 => Segment::Hold { duration_ms: 20_000 }, 2 => release(6_000),
+    ];
+    /// Up and down in closed loop: how well the rig follows with the model that it has.
+    Follow, "follow", "closed loop to 20, 50, 30 and 60 degrees", [
+        0 => follow(20, 8_000), 1 => follow(50, 8_000), 2 => follow(30, 8_000),
+        3 => follow(60, 8_000), 4 => release(4_000),
     ];
 }
 

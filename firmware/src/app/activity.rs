@@ -59,7 +59,7 @@ pub(super) struct PlayInputs<'a> {
     pub(super) memory: &'a Memory,
     pub(super) predictor: &'a Predictor,
     pub(super) monitor: &'a Monitor,
-    pub(super) measured: &'a Measured,
+    pub(super) measured: &'a Measured<'a>,
     /// Whether there is pressure with the valve open.
     pub(super) pressurised: bool,
 }
@@ -121,12 +121,12 @@ impl Play {
                 self.returning = 0.0;
                 let mut measured = *given.measured;
                 if mode == ControlMode::AngleClosedLoop {
-                    measured.expected = given.monitor.expected(given.predictor);
+                    measured.prediction = given.monitor.prediction();
                 }
-                let model = given.predictor.model();
+                let reference = (mode, level);
                 let flow = self
                     .controller
-                    .track(&config, model, (mode, level), &measured);
+                    .track(&config, given.predictor, reference, &measured);
                 self.setpoint = if mode == ControlMode::Pressure {
                     let pressure = self.controller.pressure_setpoint();
                     Setpoint::Pressure(Hundredths::round(pressure * KPA_PER_PA))

@@ -280,7 +280,7 @@ impl App {
             pressure: readings.pressure.filtered,
             angle: readings.angle.filtered,
             volume: self.volume,
-            expected: None,
+            prediction: None,
         };
         let outputs = match self.state() {
             State::Idle | State::Fault => Outputs::default(),

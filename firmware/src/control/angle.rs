@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! a = ω² (θ_model − θ̂) − 2ω θ̂̇              critically damped towards θ_model
-//! p = p_model(θ̂) + (M a + C θ̂̇)/g
+//! p = p(θ̂, θ̂̇, z, a)                        what accelerates by a, with all memories z
 //! ```
 //!
 //! So the loop is as fast at 10°, where silicone is soft and slow, as at 90°, where it is
@@ -25,6 +25,8 @@
 //! With an exact model s is zero, and no feedback can oscillate. The relative error is
 //! limited, so that a dead sensor cannot command more than the pressure of twice the angle.
 //! If sensor and prediction stay that far apart, the rig stops.
+
+use model_core::predictor::{Prediction, Predictor};
 
 use crate::{
     design::{DISAGREEMENT_PERIODS, DISAGREEMENT_RAD, PERIOD_S},
@@ -54,6 +56,19 @@ pub struct Expected {
     pub angle: f32,
     /// Its rate (rad/s).
     pub rate: f32,
+}
+
+impl Expected {
+    /// By the model; none after it diverged.
+    pub fn of(predictor: &Predictor, prediction: &Prediction) -> Option<Self> {
+        let expected = Self {
+            reading: prediction.reading(),
+            angle: prediction.angle(),
+            rate: predictor.rate(prediction),
+        };
+        (expected.reading.is_finite() && expected.angle.is_finite() && expected.rate.is_finite())
+            .then_some(expected)
+    }
 }
 
 /// Angle (rad), 10°, below which an error counts relative to this angle.

@@ -8,7 +8,11 @@ pub mod angle;
 pub mod limit;
 pub mod pressure;
 
-use model_core::{actuator::Model, power::Power};
+use model_core::{
+    actuator::Model,
+    power::Power,
+    predictor::{Prediction, Predictor},
+};
 use wire::{
     fault::Fault,
     protocol::ControlMode,
@@ -85,15 +89,15 @@ impl Config {
 
 /// The measurements at the start of a period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Measured {
+pub struct Measured<'a> {
     /// Gauge pressure (Pa).
     pub pressure: f32,
     /// Bending angle (rad), filtered.
     pub angle: f32,
     /// Displaced volume (µl).
     pub volume: f32,
-    /// The predicted angle; none without a prediction.
-    pub expected: Option<angle::Expected>,
+    /// Where the actuator is by the model; none without a prediction.
+    pub prediction: Option<&'a Prediction>,
 }
 
 /// The memory of all loops.
@@ -140,10 +144,10 @@ impl Controller {
 
     /// Returns the flow (µl/s, positive compresses) that brings the rig to a
     /// level (kPa or °), and lets one control period pass.
-    pub fn track<P: Power<f32>>(
+    pub fn track(
         &mut self,
         config: &Config,
-        model: &Model<f32, P>,
+        predictor: &Predictor,
         (mode, level): (ControlMode, f32),
         measured: &Measured,
     ) -> f32 {
@@ -162,8 +166,12 @@ impl Controller {
             let angle =
                 self.angle_setpoint
                     .step(&config.angle_range, level * RAD_PER_DEG, PERIOD_S);
-            match &measured.expected {
-                Some(expected) if mode == ControlMode::AngleClosedLoop => {
+            let model = predictor.model();
+            let expected = measured
+                .prediction
+                .and_then(|prediction| angle::Expected::of(predictor, prediction));
+            match (measured.prediction, &expected) {
+                (Some(prediction), Some(expected)) if mode == ControlMode::AngleClosedLoop => {
                     let output = self.angle_loop.step(
                         &config.angle,
                         angle,
@@ -174,16 +182,11 @@ impl Controller {
                     match output {
                         angle::Output::Keep => self.pressure_setpoint.value(),
                         angle::Output::Hold(angle) => self.holding_pressure(model, angle),
-                        angle::Output::Accelerate(rate) => {
-                            let dynamics = model.dynamics();
-                            let moving = dynamics.inertia * rate + dynamics.damping * expected.rate;
-                            self.holding_pressure(model, expected.angle)
-                                + moving / dynamics.input_gain
-                        }
+                        angle::Output::Accelerate(rate) => predictor.pressure_for(prediction, rate),
                     }
                 }
-                none => {
-                    if none.is_none() && mode == ControlMode::AngleClosedLoop {
+                _ => {
+                    if mode == ControlMode::AngleClosedLoop {
                         self.angle_loop.without_model();
                     }
                     self.holding_pressure(model, angle)

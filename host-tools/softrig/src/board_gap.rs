@@ -4,6 +4,8 @@
 //! next to the measured one. The gap needs no model and fits nothing: it subtracts two columns of
 //! a recording, before and after an upload.
 
+use std::ops::Range;
+
 use schemars::JsonSchema;
 use serde::Serialize;
 use softrig_formats::error::InputError;
@@ -11,7 +13,7 @@ use softrig_formats::recording::{Recording, SegmentMeta};
 
 use crate::estimate::assemble::{Group, grouped};
 use crate::prediction::Prediction;
-use crate::statistics::{median, rms};
+use crate::statistics::rms;
 
 /// One run with the board's prediction.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,37 +101,52 @@ impl PredictedRun {
         errors
     }
 
-    /// Measured angle less set-point (°), where there was one.
-    fn tracking_errors(&self) -> impl Iterator<Item = f64> {
-        let both = self.measured_deg.iter().zip(&self.setpoint_deg);
-        both.map(|(measured, setpoint)| measured - setpoint)
-            .filter(|error| error.is_finite())
+    /// The stretches in which a set-point was held.
+    fn held(&self) -> Vec<Range<usize>> {
+        const HELD_S: f64 = 1.0;
+        let mut rows = 0..0;
+        self.setpoint_deg
+            .chunk_by(|one, next| one.to_bits() == next.to_bits())
+            .map(|stretch| {
+                rows = rows.end..rows.end + stretch.len();
+                rows.clone()
+            })
+            .filter(|rows| {
+                let lasts = self.time_s[rows.end - 1] - self.time_s[rows.start];
+                self.setpoint_deg[rows.start].is_finite() && lasts >= HELD_S
+            })
+            .collect()
     }
 
-    /// How far the angle went beyond its set-point after each step of it, in percent of the step. Ramps
-    /// and steps smaller than 5° are no steps here.
+    /// Measured angle less set-point (°): of set-points that were held, in the second half of their
+    /// time, since no pump is there at once. Where none was held, as along a ramp, of all.
+    fn tracking_errors(&self) -> Vec<f64> {
+        let held = self.held();
+        let rows: Vec<usize> = if held.is_empty() {
+            (0..self.setpoint_deg.len()).collect()
+        } else {
+            let late = |rows: Range<usize>| rows.clone().skip(rows.len() / 2);
+            held.into_iter().flat_map(late).collect()
+        };
+        let errors = rows
+            .into_iter()
+            .map(|row| self.measured_deg[row] - self.setpoint_deg[row]);
+        errors.filter(|error| error.is_finite()).collect()
+    }
+
+    /// How far the angle went beyond each set-point that was held, in percent of the way to it.
+    /// Ways shorter than 5° are left out.
     fn overshoots_percent(&self) -> Vec<f64> {
-        const LEAST_STEP_DEG: f64 = 5.0;
-        const HELD_S: f64 = 0.5;
-        let setpoint = &self.setpoint_deg;
-        let is_new = |row: &usize| (setpoint[*row] - setpoint[row - 1]).abs() >= LEAST_STEP_DEG;
-        let rows = (1..setpoint.len()).filter(is_new);
-        rows.filter_map(|row| {
-            let step = setpoint[row] - setpoint[row - 1];
-            let held = setpoint[row..]
-                .iter()
-                .take_while(|it| it.to_bits() == setpoint[row].to_bits())
-                .count();
-            let last = row + held - 1;
-            (self.time_s[last] - self.time_s[row] >= HELD_S).then(|| {
-                let beyond = self.measured_deg[row..=last]
-                    .iter()
-                    .map(|angle| (angle - setpoint[row]) / step)
-                    .fold(0.0, f64::max);
-                100.0 * beyond
+        const LEAST_WAY_DEG: f64 = 5.0;
+        let overshoot = |rows: Range<usize>| {
+            let goal = self.setpoint_deg[rows.start];
+            let way = goal - self.measured_deg[rows.start];
+            (way.abs() >= LEAST_WAY_DEG).then(|| {
+                let beyond = self.measured_deg[rows].iter().map(|it| (it - goal) / way);
+                100.0 * beyond.fold(0.0, f64::max)
             })
-        })
-        .collect()
+        };
+        self.held().into_iter().filter_map(overshoot).collect()
     }
 
     /// RMS error where the board predicted (°).
@@ -234,10 +251,11 @@ pub struct GapOf {
 /// How a rig followed set-points in degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Tracking {
-    /// RMS of measured angle less set-point (°).
+    /// RMS of measured angle less set-point (°): of set-points that were held, in the second half of
+    /// their time; where none was held, of all.
     pub rms_deg: f64,
-    /// The median of how far the angle went beyond the set-point after a step, in percent of the step;
-    /// none without steps.
+    /// The farthest that the angle went beyond a set-point, in percent of the way to it; none where no
+    /// set-point was held.
     pub overshoot_percent: Option<f64>,
 }
 
@@ -247,13 +265,12 @@ impl Tracking {
             .iter()
             .flat_map(PredictedRun::tracking_errors)
             .collect();
-        let mut overshoots: Vec<f64> = runs
-            .iter()
-            .flat_map(PredictedRun::overshoots_percent)
-            .collect();
         (!errors.is_empty()).then(|| Self {
             rms_deg: rms(&errors),
-            overshoot_percent: (!overshoots.is_empty()).then(|| median(&mut overshoots)),
+            overshoot_percent: runs
+                .iter()
+                .flat_map(PredictedRun::overshoots_percent)
+                .reduce(f64::max),
         })
     }
 
@@ -261,7 +278,7 @@ impl Tracking {
     fn words(self) -> String {
         let error = format!("{:.2}° RMS", self.rms_deg);
         match self.overshoot_percent {
-            Some(percent) => format!("{error} and an overshoot of {percent:.0} %"),
+            Some(percent) => format!("{error} (largest overshoot {percent:.0} %)"),
             None => error,
         }
     }
@@ -310,9 +327,9 @@ impl BoardGap {
         let before = GapOf::runs(before);
         let after = (!after.is_empty()).then(|| GapOf::runs(after));
         let tracking = match (before.tracking, after.as_ref().map(|it| it.tracking)) {
-            (Some(now), None) => Some(format!("Set-points are followed with {}.", now.words())),
+            (Some(now), None) => Some(format!("The rig misses its set-points by {}.", now.words())),
             (Some(before), Some(Some(after))) => Some(format!(
-                "Set-points are followed with {}, before the upload with {}.",
+                "The rig misses its set-points by {}; before the upload by {}.",
                 after.words(),
                 before.words()
             )),
@@ -467,27 +484,45 @@ mod tests {
     }
 
     #[test]
-    fn tracking_is_the_error_to_the_set_point_and_the_overshoot_of_its_steps() {
-        let rows = [
-            (0.0, 0.0, 0.0),
-            (1.0, 20.0, 0.0),
-            (2.0, 20.0, 24.0),
-            (3.0, 20.0, 20.0),
-        ];
-        let rows = rows.map(|(time, setpoint, angle)| format!("{time},0,{angle},1,{setpoint}\n"));
-        let rows = rows.concat();
-        let text = format!("time_s,pressure_kpa,angle_deg,predicted_deg,setpoint_deg\n{rows}");
-        let (run, _) = Recording::parse(&text, Path::new("run.csv")).unwrap();
-        let run = [PredictedRun::of(&run).unwrap()];
+    fn tracking_is_the_error_at_held_set_points_and_the_overshoot_on_the_way() {
+        let parsed = |rows: &[(f64, f64)]| {
+            let mut text = "time_s,pressure_kpa,angle_deg,predicted_deg,setpoint_deg\n".to_owned();
+            for (row, (setpoint, angle)) in rows.iter().enumerate() {
+                let setpoint = Some(setpoint).filter(|it| it.is_finite());
+                let setpoint = setpoint.map_or_else(String::new, ToString::to_string);
+                text += &format!("{:.2},0,{angle},1,{setpoint}\n", row as f64 * 0.01);
+            }
+            let (run, _) = Recording::parse(&text, Path::new("run.csv")).unwrap();
+            [PredictedRun::of(&run).unwrap()]
+        };
+        // From 4° through a set-point on its way to 20°, with an overshoot of 4°, held 1° above.
+        let held = (0..=200).map(|row| (20.0, if row < 100 { 24.0 } else { 21.0 }));
+        let before = [(f64::NAN, 4.0), (12.0, 4.0), (20.0, 4.0)];
+        let run = parsed(&before.into_iter().chain(held).collect::<Vec<_>>());
         let tracking = GapOf::runs(&run).tracking.unwrap();
-        assert!((tracking.rms_deg - (416.0_f64 / 4.0).sqrt()).abs() < 1e-9);
+        assert!(
+            (tracking.rms_deg - 1.0).abs() < 1e-9,
+            "{}",
+            tracking.rms_deg
+        );
         let overshoot = tracking.overshoot_percent.unwrap();
-        assert!((overshoot - 20.0).abs() < 1e-9, "{overshoot}");
+        assert!((overshoot - 25.0).abs() < 1e-9, "{overshoot}");
         let said = BoardGap::of(&run, &run).tracking.unwrap();
         assert!(
-            said.contains("10.20° RMS and an overshoot of 20 %, before"),
+            said.contains("by 1.00° RMS (largest overshoot 25 %); before"),
             "{said}"
         );
+
+        let ramp: Vec<(f64, f64)> = (0..300)
+            .map(|row| (f64::from(row), f64::from(row) - 2.0))
+            .collect();
+        let tracking = GapOf::runs(&parsed(&ramp)).tracking.unwrap();
+        assert!(
+            (tracking.rms_deg - 2.0).abs() < 1e-9,
+            "{}",
+            tracking.rms_deg
+        );
+        assert_eq!(tracking.overshoot_percent, None);
     }
 
     #[test]

@@ -309,7 +309,8 @@ async function gap() {
   const [before, after] = [rig.uploads - 1, rig.uploads].map((uploads) => here.filter((it) => it.uploads === uploads).map(({ name }) => name));
   $("gap").hidden = !(before.length && after.length);
   if ($("gap").hidden) return;
-  const { sentence, before_deg, after_deg, figure } = await ask({ ask: "gap", before, after });
+  const { sentence, tracking, before_deg, after_deg, figure } = await ask({ ask: "gap", before, after });
+  $("gap-tracking").textContent = tracking ?? "";
   $("gap-sentence").textContent = sentence ?? `The board's own prediction was off by ${before_deg.toFixed(2)}° before the upload, and by ${after_deg.toFixed(2)}° after it.`;
   // Drawn by the library, which escapes the names of files.
   $("gap-figure").innerHTML = figure;

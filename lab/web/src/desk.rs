@@ -459,6 +459,7 @@ impl Desk {
         let figure = gap_figure(&before, &after, &gap);
         Ok(json!({
             "sentence": gap.sentence,
+            "tracking": gap.tracking,
             "before_deg": gap.before.rms_deg,
             "after_deg": gap.after.map(|it| it.rms_deg),
             "figure": to_inline_svg(&figure, "The gap before and after the upload"),

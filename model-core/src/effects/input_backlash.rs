@@ -79,6 +79,14 @@ impl<R: Real> Mechanism<R> for InputBacklash<R> {
         }
     }
 
+    fn pressure_towards(&self, pressure: R, hidden: &Hidden<R>) -> R {
+        if pressure > hidden[0] {
+            pressure + self.half_width
+        } else {
+            pressure - self.half_width
+        }
+    }
+
     fn has_memory(&self) -> bool {
         true
     }

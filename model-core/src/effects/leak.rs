@@ -76,6 +76,10 @@ impl<R: Real> Mechanism<R> for Leak<R> {
         chamber
     }
 
+    fn pressure_towards(&self, pressure: R, hidden: &Hidden<R>) -> R {
+        pressure + hidden[0]
+    }
+
     fn fastest_rate(&self, _dynamics: &Dynamics<R>, _angle: R) -> Rates<R> {
         Rates {
             stiffness: R::zero(),

@@ -159,6 +159,12 @@ pub trait Mechanism<R: Real> {
     fn pressure_behind(&self, pressure: R) -> R {
         pressure
     }
+    /// The pressure (Pa) that has to enter from now on for this one to leave: of a play, on the
+    /// side to which the chamber moves; of a leak, with what it has lost. A lag passes
+    /// everything on sooner or later.
+    fn pressure_towards(&self, pressure: R, _hidden: &Hidden<R>) -> R {
+        self.pressure_behind(pressure)
+    }
     /// The motion that enters the sensor at the start of a run when this one
     /// leaves: the inverse of [`Mechanism::sensor`].
     fn behind(&self, shown: Motion<R>) -> Motion<R> {

@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 use clap::Parser;
 use softrig_tests::process::succeed;
 use softrig_tests::rig_loop::{
-    Board, Drawn, Folder, Programs, diagnose, gap, record, upload_model, upload_repaired,
+    Board, Drawn, Folder, Programs, diagnose, follow, gap, record, tracking, upload_model,
+    upload_repaired,
 };
 use softrig_tests::verdict::{Kinds, Verdict, in_words};
 
@@ -108,9 +109,12 @@ fn demo(args: &Args) -> Result<(), String> {
         );
         Ok(board)
     })?;
-    steps.step("upload the nominal model, and record", || {
+    let name = "upload the nominal model, record, and follow set-points";
+    let followed = steps.step(name, || {
         run(&mut upload_model(programs, &board, &folder))?;
-        run(&mut record(programs, &board, &folder, "before"))
+        run(&mut record(programs, &board, &folder, "before"))?;
+        // A board stops a loop whose model and sensor disagree.
+        Ok(run(&mut follow(programs, &board, &folder, "before")).is_ok())
     })?;
     let verdict = steps.step("find out what the model is missing", || {
         run(diagnose(programs, &folder)
@@ -121,33 +125,45 @@ fn demo(args: &Args) -> Result<(), String> {
         folder.verdict()
     })?;
     let name = if verdict.is_for_the_board() {
-        "upload the repaired model, and record again"
+        "upload the repaired model, record and follow again"
     } else {
-        "record again with the same model: the diagnosis has none that predicts better"
+        "record and follow again with the same model: the diagnosis has none that predicts better"
     };
-    steps.step(name, || {
+    let followed_again = steps.step(name, || {
         if verdict.is_for_the_board() {
             run(&mut upload_repaired(programs, &board, &folder))?;
         }
-        run(&mut record(programs, &board, &folder, "after"))
+        run(&mut record(programs, &board, &folder, "after"))?;
+        Ok(run(&mut follow(programs, &board, &folder, "after")).is_ok())
     })?;
     let name = "compare what the board predicted with what it measured";
     let gap = steps.step(name, || {
         run(gap(programs, &folder)
             .arg("--plot")
             .arg(folder.file("gap.svg")))?;
+        run(&mut tracking(programs, &folder))?;
         folder.gap()
     })?;
     steps.step("stop the virtual rig", || board.stop())?;
     println!("\nthe loop took {:.1} s", clock.elapsed().as_secs_f64());
     let hidden = folder.hidden();
     let hidden = hidden.ok_or("the virtual rig did not write down what it hid")?;
-    println!("\n{}", summary(&hidden, &verdict, &gap.sentence));
+    let stopped = |model: &str| {
+        format!(
+            "In closed loop the board stopped with the {model} model: sensor and prediction disagreed."
+        )
+    };
+    let tracking = match (followed, followed_again) {
+        (true, true) => folder.tracking()?,
+        (_, false) => stopped("present"),
+        (false, true) => stopped("nominal"),
+    };
+    println!("\n{}", summary(&hidden, &verdict, &gap.sentence, &tracking));
     Ok(())
 }
 
-/// Five lines for someone who has never seen a verdict.
-fn summary(hidden: &Kinds, verdict: &Verdict, gap: &str) -> String {
+/// Six lines for someone who has never seen a verdict.
+fn summary(hidden: &Kinds, verdict: &Verdict, gap: &str, tracking: &str) -> String {
     let hidden = if hidden.is_empty() {
         "nothing but wrong parameters".into()
     } else {
@@ -162,6 +178,7 @@ fn summary(hidden: &Kinds, verdict: &Verdict, gap: &str) -> String {
         "The simulated actuator hid: {hidden}.   (demo/truth.toml)\n\
          The diagnosis says: {}\n\
          {gap}\n\
+         {tracking}\n\
          The whole report is demo/report.html: open it in any browser. The gap before and after is demo/gap.svg, {model}.\n\
          With your own recordings: cargo rig diagnose --model MODEL.toml RECORDING.csv …",
         verdict.sentence(),
@@ -179,7 +196,7 @@ mod tests {
         )
         .unwrap();
         let gravity = Kinds::from(["gravity".into()]);
-        let text = summary(&gravity, &verdict, "The gap stayed at 2.00° RMS.");
+        let text = summary(&gravity, &verdict, "The gap stayed at 2.00° RMS.", "");
         for part in [
             "hid: gravity.",
             "no name is given",
@@ -188,7 +205,7 @@ mod tests {
         ] {
             assert!(text.contains(part), "{text}");
         }
-        let text = summary(&Kinds::new(), &verdict, "");
+        let text = summary(&Kinds::new(), &verdict, "", "");
         assert!(text.contains("nothing but wrong parameters"));
     }
 }

@@ -183,6 +183,8 @@ fn an_empty_board_becomes_a_repaired_model_in_the_page() {
     let sentence = person.reads("gap-sentence");
     assert!(sentence.contains("shrank"), "{sentence}");
     println!("{sentence}");
+    let tracking = person.reads("gap-tracking");
+    assert!(tracking.contains("misses its set-points by"), "{tracking}");
 
     for width in WIDTHS {
         person.0.load(&path, width);
