@@ -103,6 +103,10 @@ const store = new Promise((resolve) => {
   request.onerror = () => resolve(null);
 });
 
+// The files as the store has them: while a rig is recorded only what grows is written again.
+const stored = new Map();
+const place = (name) => `file ${name}`;
+
 async function keep() {
   const data = await store;
   if (!data) return;
@@ -110,20 +114,37 @@ async function keep() {
     .map((field) => [field.id, field.type === "checkbox" ? field.checked : field.value]));
   await new Promise((resolve) => {
     const transaction = data.transaction("desk", "readwrite");
-    transaction.objectStore("desk").put({ files: [...files], entered, heldOut: [...heldOut], said, result, remarks, rig }, "all");
-    transaction.oncomplete = transaction.onerror = transaction.onabort = resolve;
+    const desk = transaction.objectStore("desk");
+    const changed = [...files].filter(([name, bytes]) => stored.get(name) !== bytes);
+    const gone = [...stored.keys()].filter((name) => !files.has(name));
+    for (const [name, bytes] of changed) desk.put(bytes, place(name));
+    for (const name of gone) desk.delete(place(name));
+    desk.put({ names: [...files.keys()], entered, heldOut: [...heldOut], said, result, remarks, rig }, "all");
+    transaction.oncomplete = () => {
+      for (const [name, bytes] of changed) stored.set(name, bytes);
+      for (const name of gone) stored.delete(name);
+      resolve();
+    };
+    transaction.onerror = transaction.onabort = resolve;
   });
 }
 
 async function restore() {
   const data = await store;
-  const all = data && await new Promise((resolve) => {
-    const request = data.transaction("desk").objectStore("desk").get("all");
+  const desk = data?.transaction("desk").objectStore("desk");
+  const kept = (key) => new Promise((resolve) => {
+    const request = desk.get(key);
     request.onsuccess = () => resolve(request.result);
-    request.onerror = () => resolve(null);
+    request.onerror = () => resolve(undefined);
   });
+  const all = desk && await kept("all");
   if (!all) return;
-  for (const [name, bytes] of all.files) files.set(name, bytes);
+  for (const name of all.names) {
+    const bytes = await kept(place(name));
+    if (!bytes) continue;
+    files.set(name, bytes);
+    stored.set(name, bytes);
+  }
   for (const [id, value] of Object.entries(all.entered)) {
     if ($(id)?.type === "checkbox") $(id).checked = value; else if ($(id)) $(id).value = value;
   }

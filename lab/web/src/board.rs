@@ -209,6 +209,7 @@ fn recorded(plan: &Plan, outside: &dyn Outside) -> anyhow::Result<Value> {
     let mut visitor = Visitor {
         outside,
         drawn_ms: i64::MIN,
+        played: (String::new(), i64::MIN),
     };
     let recorded = record(outside.connector(), plan, outside.shelf(), &mut visitor)?;
     Ok(json!({ "sentence": recorded.text }))
@@ -219,6 +220,8 @@ struct Visitor<'o> {
     outside: &'o dyn Outside,
     /// Time of the last sample that was drawn (ms).
     drawn_ms: i64,
+    /// What was said last to be played, and when (ms).
+    played: (String, i64),
 }
 
 impl Attendant for Visitor<'_> {
@@ -227,6 +230,11 @@ impl Attendant for Visitor<'_> {
     }
 
     fn plays(&mut self, now: &str, passed_ms: i64, total_ms: i64) {
+        let (said, at_ms) = &self.played;
+        if said == now && passed_ms < at_ms.saturating_add(DRAWN_EVERY_MS) {
+            return;
+        }
+        self.played = (now.to_owned(), passed_ms);
         let share = passed_ms as f64 / total_ms.max(1) as f64;
         let left_s = (total_ms - passed_ms).max(0) as f64 / 1000.0;
         let text = format!("{now}, {left_s:.0} s left");

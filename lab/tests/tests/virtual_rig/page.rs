@@ -278,4 +278,12 @@ fn a_closed_tab_and_a_pulled_cable_leave_the_pump_off() {
     person.0.close();
     thread::sleep(Duration::from_secs(4));
     assert!(has_lost_the_computer(&rig));
+
+    // What both had recorded is there when the page is opened again.
+    let again = Person::finds(&browser, &path, WIDTHS[0], &cable.script());
+    again.waits();
+    let files = again.reads("runs");
+    for file in ["run1.csv", "run2.csv"] {
+        assert!(files.contains(file), "{files}");
+    }
 }

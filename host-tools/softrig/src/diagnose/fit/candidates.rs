@@ -11,7 +11,7 @@ use model_core::effects::{Mechanism, Place};
 use crate::diagnose::recordings::needs::{Shown, unmet};
 use crate::diagnose::score::scales::{Scales, combinations, held_value};
 use crate::diagnose::score::{Guess, Guesses};
-use crate::diagnose::work::executor::{Executor, Unfitted};
+use crate::diagnose::work::executor::{Executor, FIRST_STEPS, Unfitted};
 use crate::diagnose::work::policy::Policy;
 use crate::diagnose::work::progress::Best;
 use crate::estimate::filter::Level;
@@ -312,6 +312,20 @@ pub fn predicted(
 ///
 /// If the structure cannot be simulated, or the time was up.
 pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Candidate, Unfitted> {
+    coarse_fit_below(context, predicted, f64::INFINITY)
+}
+
+/// A coarse fit to the subsample, which ends after its first steps if it leaves more than that
+/// (rad²) then.
+///
+/// # Errors
+///
+/// If the structure cannot be simulated, or the time was up.
+pub fn coarse_fit_below(
+    context: &FitContext<'_>,
+    predicted: &Predicted,
+    most: f64,
+) -> Result<Candidate, Unfitted> {
     let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &predicted.added);
     let starts = &predicted.starts;
@@ -321,10 +335,18 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Can
         data: expecting.as_ref().unwrap_or(part),
         ..*context.subsample
     };
-    let fit = context
-        .executor
-        .best_of(&fitter, starts, &free, Effort::Coarse)?;
-    Ok(Candidate::of(predicted.added.len(), fit))
+    let executor = &context.executor;
+    let count = predicted.added.len();
+    if most.is_finite() {
+        let nearest = executor.best_of(&fitter, starts, &free, FIRST_STEPS)?;
+        if nearest.sse() > most {
+            return Ok(Candidate::of(count, nearest));
+        }
+        let fit = executor.fit(&fitter, &nearest.model, &free, Effort::Coarse)?;
+        return Ok(Candidate::of(count, fit));
+    }
+    let fit = executor.best_of(&fitter, starts, &free, Effort::Coarse)?;
+    Ok(Candidate::of(count, fit))
 }
 
 /// Whether an effect has a memory.

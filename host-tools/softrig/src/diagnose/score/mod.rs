@@ -229,6 +229,29 @@ impl Guesses {
             .map_or(&[], |(_, guesses)| guesses)
     }
 
+    /// What an effect is worth in a view that ranks.
+    fn gain(&self, kind: Kind, view: usize) -> Option<f64> {
+        let guesses = self.of_kind(kind).iter();
+        guesses
+            .filter(|it| it.view == view)
+            .map(|it| it.gain)
+            .reduce(f64::max)
+    }
+
+    /// Whether no view that ranks tells two effects apart: along this motion they push alike.
+    pub fn worth_the_same(&self, one: Kind, other: Kind) -> bool {
+        /// Far above the rounding of a score, far below what two forces differ by.
+        const SAME: f64 = 1e-6;
+        (0..RANKING).all(
+            |view| match (self.gain(one, view), self.gain(other, view)) {
+                (Some(one), Some(other)) => {
+                    (one - other).abs() <= SAME * one.abs().max(other.abs())
+                }
+                (one, other) => one.is_none() && other.is_none(),
+            },
+        )
+    }
+
     /// The effects by their scores, those of the views in turn.
     pub fn ranked(&self) -> Vec<Kind> {
         let in_view = |view: usize| {

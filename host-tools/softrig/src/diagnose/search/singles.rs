@@ -24,7 +24,7 @@ const FINISHED: usize = 12;
 
 /// Candidates whose squared error in the coarse fit exceeds this multiple of the best get
 /// no final fit, except those shown as rivals.
-const HOPELESS: f64 = 6.0;
+pub const HOPELESS: f64 = 6.0;
 
 /// Effects that are fitted first: the first four of each view of the score. Of 81 drawn cases and
 /// 54 sessions nine of ten had theirs among so many.

@@ -10,14 +10,14 @@ use rayon::prelude::*;
 
 use crate::diagnose::evidence::measure::excess;
 use crate::diagnose::fit::candidates::{
-    Candidate, FitContext, Starts, added, coarse_fit, final_fit, predicted, release,
+    Candidate, FitContext, Starts, added, coarse_fit_below, final_fit, predicted, release,
 };
 use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::diagnose::score::Guesses;
 use crate::diagnose::score::grammar::terms;
 use crate::diagnose::search::Options;
 use crate::diagnose::search::baseline::Baseline;
-use crate::diagnose::search::singles::{Singles, is_done, leaves_noise, most_of_rivals};
+use crate::diagnose::search::singles::{HOPELESS, Singles, is_done, leaves_noise, most_of_rivals};
 use crate::diagnose::work::budget::SearchPart;
 use crate::diagnose::work::policy::Policy;
 use crate::diagnose::work::progress::Stage;
@@ -58,7 +58,7 @@ impl Terms {
         if !options.formulas || is_explained || !job.may_begin(SearchPart::Terms) {
             return Self::default();
         }
-        let mut fitted = fitted_terms(context, baseline, tried, options.without);
+        let mut fitted = fitted_terms(context, baseline, tried, singles, options.without);
         let settle = settle(&fitted, singles, floor);
         if let Some(term) = fitted.first()
             && !settle
@@ -123,12 +123,34 @@ fn sharpened(context: &FitContext<'_>, term: Candidate, floor: &NoiseFloor) -> C
     }
 }
 
+/// The terms that the score puts first. Of those that it does not tell apart, as a factor of a
+/// pressure that stays what it is, the simplest, which the grammar writes first.
+fn leading(guesses: &Guesses, all: &[Kind]) -> Vec<Kind> {
+    let place = |kind: Kind| all.iter().position(|&it| it == kind);
+    let mut distinct: Vec<Kind> = Vec::new();
+    for kind in guesses.ranked() {
+        match distinct
+            .iter_mut()
+            .find(|it| guesses.worth_the_same(**it, kind))
+        {
+            Some(known) if place(kind) < place(*known) => *known = kind,
+            Some(_) => {}
+            None => distinct.push(kind),
+        }
+    }
+    distinct.truncate(LEADING);
+    distinct
+}
+
 /// The best terms beside the refit, to their ends, the best first. `tried` are the effects of the
-/// catalogue, which need no term; those of `without` are not asked for.
+/// catalogue, which need no term; those of `without` are not asked for, and those whose coarse fit
+/// leaves more than that of an effect are not fitted to their ends: they would have to leave less than
+/// any effect to be offered.
 fn fitted_terms(
     context: &FitContext<'_>,
     baseline: &Baseline,
     tried: &[Kind],
+    singles: &Singles,
     without: &[String],
 ) -> Vec<Candidate> {
     let executor = &context.executor;
@@ -147,19 +169,24 @@ fn fitted_terms(
         guesses: &guesses,
         ..*context
     };
-    let leading: Vec<Kind> = guesses.ranked().into_iter().take(LEADING).collect();
+    let leading = leading(&guesses, &all);
+    let best_effect = singles
+        .coarse
+        .first()
+        .map_or(f64::INFINITY, |effect| effect.fit.sse());
+    let hopeless = HOPELESS * best_effect;
     let mut coarse: Vec<Candidate> = leading
         .par_iter()
         .filter_map(|&kind| {
             let fitted = predicted(&context, &baseline.refit, kind, Starts::Scored)
-                .and_then(|predicted| coarse_fit(&context, &predicted));
+                .and_then(|predicted| coarse_fit_below(&context, &predicted, hopeless));
             executor.reached(SearchPart::Terms, fitted)
         })
         .collect();
     coarse.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     coarse.truncate(FINISHED);
     let most = most_of_rivals(coarse.iter(), &baseline.floor);
-    coarse.retain(|candidate| candidate.fit.rmse() <= most);
+    coarse.retain(|candidate| candidate.fit.rmse() <= most && candidate.fit.sse() <= best_effect);
     let mut fitted: Vec<Candidate> = coarse
         .par_iter()
         .filter_map(|candidate| {
@@ -170,4 +197,55 @@ fn fitted_terms(
         .collect();
     fitted.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
     fitted
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use softrig_formats::model_file::ModelFile;
+    use softrig_formats::recording::Recording;
+
+    use super::*;
+    use crate::diagnose::score::scales::Scales;
+    use crate::estimate::Dataset;
+    use crate::estimate::fitter::Fitter;
+    use crate::synth::example::{Hidden, make};
+
+    /// Factors of a pressure that stays what it is are no factors: such terms would be fitted several
+    /// times over, and are not asked for.
+    #[test]
+    fn what_the_score_does_not_tell_apart_is_asked_for_once() {
+        let example = make(Hidden::named(Some("cubic_stiffness")).unwrap(), 0.2, 5).unwrap();
+        let file = ModelFile::parse(&example.model, Path::new("model.toml")).unwrap();
+        let leading_of = |is_held: bool| {
+            let mut recordings: Vec<Recording> =
+                example.recordings.iter().map(|it| it.1.clone()).collect();
+            if is_held {
+                for recording in &mut recordings {
+                    recording.pressure.fill(30_000.0);
+                }
+            }
+            let data = Dataset::of(&recordings);
+            let fitter = Fitter::new(&file.model, &data);
+            let fit = fitter.compare(&file.model);
+            let scales = Scales::of(&fitter, &fit);
+            let all = terms(&scales, &[]);
+            let guesses = Guesses::beside(&fitter, &fit, 0.2_f64.to_radians(), &all, &scales);
+            leading(&guesses, &all)
+        };
+        let curves = |kinds: &[Kind]| {
+            let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+            let plain: std::collections::BTreeSet<&str> = names
+                .iter()
+                .map(|name| name.split("_by_").next().unwrap_or(name))
+                .collect();
+            (plain.len(), names.len())
+        };
+        let held = leading_of(true);
+        let (plain, all) = curves(&held);
+        assert!(plain == all && all > 4, "{held:?}");
+        let (plain, all) = curves(&leading_of(false));
+        assert!(plain < all, "products count where the pressure moves");
+    }
 }

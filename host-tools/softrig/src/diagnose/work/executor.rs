@@ -14,6 +14,9 @@ use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Effort, Fit};
 use crate::estimate::fitter::Fitter;
 
+/// The steps after which the local minimum is chosen, and after which a fit that leads nowhere ends.
+pub const FIRST_STEPS: Effort = Effort::Steps(4);
+
 /// Why a structure has no fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unfitted {
@@ -103,10 +106,8 @@ impl<'a> Executor<'a> {
         free: &[ParameterId],
         effort: Effort,
     ) -> Result<Fit, Unfitted> {
-        /// Steps after which the local minimum is chosen.
-        const COARSE: Effort = Effort::Steps(4);
         if starts.len() > 1 && effort.is_long() {
-            let nearest = self.best_of(fitter, starts, free, COARSE)?;
+            let nearest = self.best_of(fitter, starts, free, FIRST_STEPS)?;
             let data = fitter.data.guessing(&nearest.nuisances);
             let fitter = Fitter {
                 data: &data,
