@@ -34,9 +34,13 @@ Examples:
   softrig monitor --port /dev/ttyACM0 --udp 9870    for PlotJuggler's UDP server, with JSON
   softrig monitor --port /dev/ttyACM0 --foxglove --mcap seen.mcap
 
-Keys: q quit, s stop, a arm, c clear a fault, r run the paper's protocol (asks
-first), space pause; 1 to 4 show or hide the curves: measured and predicted
-angle (°), set-point, pressure (kPa). Leaving stops a rig that is armed.")]
+Keys: q quit, s stop, a arm, c clear a fault, r run the protocol \"paper\" (asks
+first), space pause the charts; 1 to 4 show or hide the curves: measured and
+predicted angle (°), set-point, pressure (kPa). Quitting stops an armed rig.
+
+Readings: error is predicted minus measured angle; model says whether they agree,
+which the board tests during a run; volume is what the pump pushed in; uptime
+counts from the board's reset; lost and damaged are lines of the serial port.")]
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
@@ -239,7 +243,7 @@ impl Quiet {
                 link.what_came()
             )
         } else {
-            format!("{port}: samples come again")
+            format!("{port}: samples arrive again")
         })
     }
 
@@ -253,7 +257,7 @@ impl Quiet {
 /// What was to be seen did not come.
 fn silent_at_the_end(link: &Link) -> anyhow::Error {
     anyhow::anyhow!(
-        "{}: the time is over, and no sample came in the last {:.1} s of it; what came is kept, as incomplete",
+        "{}: no sample arrived in the last {:.1} s before the end of --seconds; a log keeps what came before, as incomplete",
         link.port(),
         link.without_sample_for().as_secs_f64()
     )
@@ -360,7 +364,7 @@ fn press(
     }
     match outcome {
         Ok(_) => view.say(&format!(
-            "{}: done",
+            "the board accepted: {}",
             softrig_link::line::command_text(command)
         )),
         Err(error) => view.say(&error.to_string()),

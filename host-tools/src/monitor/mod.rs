@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use wire::decimal::Hundredths;
 use wire::fault::Fault;
+use wire::protocol::Named;
 use wire::state::State;
 use wire::telemetry::{Setpoint, Telemetry};
 
@@ -89,8 +90,8 @@ enum Agreement {
     Mismatch,
     /// There is nothing to compare.
     Unknown,
-    /// Only a run is judged: at rest an actuator may be bent by hand.
-    NotJudged,
+    /// The board compares during a run alone: at rest an actuator may be bent by hand.
+    NoRun,
     /// They agree in this run so far.
     Agrees,
 }
@@ -169,7 +170,7 @@ impl View {
             Event::Lost(reason) => {
                 self.connected = false;
                 self.say(&format!(
-                    "connection lost ({reason}), waiting for it to come back"
+                    "the connection was lost ({reason}): check the cable; the monitor reconnects by itself"
                 ));
             }
             Event::Other(_) | Event::Useless => {}
@@ -232,29 +233,31 @@ impl View {
         } else if sample.state == State::Running {
             Agreement::Agrees
         } else {
-            Agreement::NotJudged
+            Agreement::NoRun
         }
     }
 
     /// Asks whether the rig shall really move; where the board would refuse, says so instead.
     pub fn ask(&mut self) {
         let refusal = match self.last.map(|sample| sample.state) {
-            _ if !self.connected => Some("the connection is lost"),
+            _ if !self.connected => Some("there is no connection to the board; check the cable"),
             Some(State::Ready) => None,
-            None => Some("nothing has come from the board yet"),
-            Some(State::Idle) => Some("the rig is not armed: press a, and wait until it is homed"),
-            Some(State::Homing) => Some("the plunger is homing: wait until the rig is ready"),
-            Some(State::Running) => Some("a protocol is running: s stops it"),
+            None => Some("the board has sent no sample yet; check its power and the port"),
+            Some(State::Idle) => Some("the rig is not armed; press a and wait for READY"),
+            Some(State::Homing) => Some("the plunger is homing; wait for READY"),
+            Some(State::Running) => Some("a protocol is running; press s to stop it"),
             Some(State::Fault) => {
-                Some("a fault is latched: remove its cause, press c to clear and a to arm")
+                Some("a fault is latched; remove its cause, press c to clear it, then a to arm")
             }
         };
         self.asking = refusal.is_none();
         self.message = match refusal {
-            Some(why) => format!("not started: {why}"),
-            None => {
-                "run the paper's protocol? The actuator will move. y: yes, any other key: no".into()
-            }
+            Some(why) => format!("Cannot run the protocol: {why}."),
+            None => format!(
+                "Run the protocol \"{}\" ({})? The actuator will move. y: yes, any other key: no",
+                Named::Paper.name(),
+                Named::Paper.title()
+            ),
         };
     }
 

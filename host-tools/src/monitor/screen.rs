@@ -12,7 +12,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Chart, Dataset, GraphType, LegendPosition, Paragraph, Wrap};
 use wire::decimal::Hundredths;
 use wire::state::State;
-use wire::telemetry::Setpoint;
+use wire::telemetry::{Setpoint, Telemetry};
 
 use super::{Agreement, Moment, SPAN_S, Trace, View};
 
@@ -95,8 +95,8 @@ fn keys_line(view: &View) -> Line<'static> {
         "s stop",
         "a arm",
         "c clear fault",
-        "r run paper",
-        "space pause",
+        "r run protocol",
+        "space pause charts",
     ]
     .map(|key| key.replace(' ', "\u{a0}"));
     Line::styled([&commands[..], &traces[..]].concat().join("  "), LABEL)
@@ -105,9 +105,9 @@ fn keys_line(view: &View) -> Line<'static> {
 fn title_line(view: &View) -> Line<'_> {
     let state = match (view.connected, view.last) {
         (false, _) => Span::styled(" NO CONNECTION ", BAD.add_modifier(Modifier::REVERSED)),
-        (true, None) => Span::styled(" waiting ", LABEL),
+        (true, None) => Span::styled(" WAITING FOR THE BOARD ", LABEL),
         (true, Some(_)) if view.is_stale() => {
-            Span::styled(" SILENT ", BAD.add_modifier(Modifier::REVERSED))
+            Span::styled(" NO SAMPLES ", BAD.add_modifier(Modifier::REVERSED))
         }
         (true, Some(sample)) => {
             let style = match sample.state {
@@ -121,11 +121,11 @@ fn title_line(view: &View) -> Line<'_> {
     };
     let mut spans = vec![
         state,
-        Span::raw(format!("  {}  softrig {}", view.port, view.firmware)),
+        Span::raw(format!("  {}  firmware {}", view.port, view.firmware)),
     ];
     if view.paused {
         spans.push(Span::styled(
-            "  PAUSED",
+            "  CHARTS PAUSED",
             Style::new().add_modifier(Modifier::BOLD),
         ));
     }
@@ -280,9 +280,11 @@ fn readings(view: &View) -> Vec<Reading> {
         Some(value) => format!("{:.2} {unit}", value.to_f32()),
         None => "no reading".into(),
     };
+    // What the board itself counts.
+    let of_board = |text: &dyn Fn(&Telemetry) -> String| sample.map_or_else(|| "–".into(), text);
     let angle = sample.and_then(|sample| sample.angle_deg);
     let predicted = sample.and_then(|sample| sample.predicted_deg);
-    let gap = predicted
+    let error = predicted
         .zip(angle)
         .map(|(predicted, angle)| Hundredths(predicted.0.saturating_sub(angle.0)));
     let setpoint = match sample.map(|sample| sample.setpoint) {
@@ -291,9 +293,9 @@ fn readings(view: &View) -> Vec<Reading> {
         Some(Setpoint::None) | None => "none".into(),
     };
     let (model, model_style) = match view.agreement() {
-        Agreement::Mismatch => ("MISMATCH", BAD),
-        Agreement::Unknown => ("unknown", MEASURED),
-        Agreement::NotJudged => ("not judged", MEASURED),
+        Agreement::Mismatch => ("DISAGREES", BAD),
+        Agreement::Unknown => ("no data", MEASURED),
+        Agreement::NoRun => ("no run", MEASURED),
         Agreement::Agrees => ("agrees", GOOD),
     };
     let count = |count: u64| (count.to_string(), if count == 0 { MEASURED } else { BAD });
@@ -303,7 +305,7 @@ fn readings(view: &View) -> Vec<Reading> {
     let mut readings = vec![
         ("measured", number(angle, "°"), MEASURED),
         ("predicted", number(predicted, "°"), PREDICTED),
-        ("gap", number(gap, "°"), MEASURED),
+        ("error", number(error, "°"), MEASURED),
         ("model", model.into(), model_style),
         (
             "pressure",
@@ -312,20 +314,17 @@ fn readings(view: &View) -> Vec<Reading> {
         ),
         ("set-point", setpoint, MEASURED),
         (
-            "pump",
-            format!("{} µl", sample.map_or(0, |sample| sample.volume_ul)),
+            "volume",
+            of_board(&|sample| format!("{:.2} ml", f64::from(sample.volume_ul) / 1000.0)),
             MEASURED,
         ),
         (
-            "time",
-            format!(
-                "{:.1} s",
-                sample.map_or(0.0, |sample| f64::from(sample.time_ms) / 1000.0)
-            ),
+            "uptime",
+            of_board(&|sample| format!("{:.1} s", f64::from(sample.time_ms) / 1000.0)),
             MEASURED,
         ),
-        ("lines/s", view.rate().to_string(), MEASURED),
-        ("dropped", dropped, dropped_style),
+        ("samples/s", view.rate().to_string(), MEASURED),
+        ("lost", dropped, dropped_style),
         ("damaged", damaged, damaged_style),
         ("restarts", restarts, restarts_style),
     ];
@@ -381,7 +380,6 @@ mod tests {
     use std::path::Path;
     use std::time::{Duration, Instant};
     use wire::fault::Fault;
-    use wire::telemetry::Telemetry;
 
     fn screen(view: &View, width: u16, height: u16) -> String {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
@@ -473,10 +471,10 @@ mod tests {
             "RUNNING",
             "59.97 °",
             "63.97 °",
-            "MISMATCH",
+            "DISAGREES",
             "60.00 °",
-            "14210 µl",
-            "lines/s   100",
+            "14.21 ml",
+            "samples/s 100",
         ] {
             assert!(text.contains(part), "{part:?} not in\n{text}");
         }
@@ -516,7 +514,7 @@ mod tests {
         assert!(!styles(&view)[STALE..].contains(&LABEL));
         let text = screen(&view, 80, 24);
         assert!(
-            text.contains("SILENT") && !text.contains("RUNNING"),
+            text.contains("NO SAMPLES") && !text.contains("RUNNING"),
             "{text}"
         );
         assert!(text.contains("59.97 °"), "the last value stays:\n{text}");
@@ -542,7 +540,11 @@ mod tests {
             let mut view = stepped(state, 0, false);
             view.ask();
             let text = screen(&view, 120, 40);
-            assert!(text.contains(why) && !text.contains("y: yes"), "{text}");
+            assert!(
+                text.contains("Cannot run the protocol") && text.contains(why),
+                "{text}"
+            );
+            assert!(!text.contains("y: yes"), "{text}");
             assert!(!view.take_question());
         }
         let mut view = View::new("port", "0.1.0");
@@ -555,7 +557,9 @@ mod tests {
         let view = View::new("port", "0.1.0");
         let text = screen(&view, 80, 24);
         assert!(
-            text.contains("waiting") && text.contains("no reading"),
+            text.contains("WAITING FOR THE BOARD")
+                && text.contains("no reading")
+                && text.contains("uptime    –"),
             "{text}"
         );
         assert_screen("waiting.txt", &text);
@@ -577,7 +581,12 @@ mod tests {
                     said.contains(fault.sentence()),
                     "{width}, {fault:?}:\n{text}"
                 );
-                for key in ["q quit", "c clear fault", "space pause", "4 ● pressure"] {
+                for key in [
+                    "q quit",
+                    "c clear fault",
+                    "space pause charts",
+                    "4 ● pressure",
+                ] {
                     assert!(said.contains(key), "{width}, {key}:\n{text}");
                 }
             }
@@ -620,7 +629,7 @@ mod tests {
                 "63.97 °",
                 "39.98 kPa",
                 "60.00 °",
-                "14210 µl",
+                "14.21 ml",
                 "10.0 s",
             ] {
                 assert!(text.contains(reading), "{width}, {reading}:\n{text}");
@@ -629,7 +638,7 @@ mod tests {
                 .lines()
                 .find(|line| line.starts_with("measured "))
                 .unwrap();
-            let labels = ["measured", "pressure", "pump", "lines/s"];
+            let labels = ["measured", "pressure", "volume", "samples/s"];
             let seen = labels.iter().filter(|label| row.contains(**label)).count();
             assert_eq!(seen, columns, "{width}: {row}");
         }
@@ -680,7 +689,10 @@ mod tests {
                 .lines()
                 .find(|line| line.starts_with("model "))
                 .unwrap();
-            words(row)[1].to_owned()
+            // Between the first two names of the row.
+            let all = words(row);
+            let next = all.iter().position(|word| *word == "uptime").unwrap();
+            all[1..next].join(" ")
         };
         let mut view = stepped(State::Running, 0, false);
         assert_eq!(model(&view), "agrees");
@@ -695,14 +707,14 @@ mod tests {
             last.predicted_deg = predicted.map(Hundredths);
             for state in State::ALL {
                 view.last.as_mut().unwrap().state = state;
-                assert_eq!(model(&view), "unknown", "{state:?}");
+                assert_eq!(model(&view), "no data", "{state:?}");
             }
         }
-        assert_eq!(model(&stepped(State::Ready, 0, false)), "not");
-        assert_eq!(model(&stepped(State::Ready, 0, true)), "MISMATCH");
+        assert_eq!(model(&stepped(State::Ready, 0, false)), "no run");
+        assert_eq!(model(&stepped(State::Ready, 0, true)), "DISAGREES");
         let mut view = stepped(State::Running, 0, false);
         view.take(&Event::Lost("gone".into()));
-        assert_eq!(model(&view), "unknown");
+        assert_eq!(model(&view), "no data");
     }
 
     #[test]
