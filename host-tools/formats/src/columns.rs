@@ -4,6 +4,7 @@
 //! tools have other headers, or other units under the same header. The layout is applied where
 //! the file is read, so that all other code works in one set of units.
 
+use serde::{Deserialize, Serialize};
 use strum::{EnumMessage, EnumString, IntoStaticStr, VariantArray};
 use toml_edit::Value;
 
@@ -77,8 +78,19 @@ impl Quantity {
 
 /// Unit of the times.
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    Serialize,
+    Deserialize,
 )]
+#[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum TimeUnit {
     /// Seconds
@@ -111,8 +123,19 @@ impl TimeUnit {
 
 /// Unit of the pressure.
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    Serialize,
+    Deserialize,
 )]
+#[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum PressureUnit {
     /// Kilopascals
@@ -161,23 +184,49 @@ impl PressureUnit {
 
 /// Unit of the angle.
 #[derive(
-    Clone, Copy, Debug, PartialEq, Eq, EnumMessage, EnumString, IntoStaticStr, VariantArray,
+    Clone,
+    Copy,
+    Debug,
+    PartialEq,
+    Eq,
+    EnumMessage,
+    EnumString,
+    IntoStaticStr,
+    VariantArray,
+    Default,
+    Serialize,
+    Deserialize,
 )]
+#[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum AngleUnit {
     /// Degrees
+    #[default]
     Deg,
     /// Radians
     Rad,
+    /// Millimetres, of an output that is no angle: 1 mm is taken as 1 degree
+    Mm,
+    /// Centimetres, likewise
+    Cm,
+    /// Micrometres, likewise
+    Um,
+    /// Millivolts, likewise
+    Mv,
 }
 
 impl AngleUnit {
-    /// Degrees in the unit.
+    /// Degrees in the unit, or what is taken as that many.
     pub fn degrees(self) -> f64 {
         match self {
-            Self::Deg => 1.0,
             Self::Rad => 1f64.to_degrees(),
+            Self::Deg | Self::Mm | Self::Cm | Self::Um | Self::Mv => 1.0,
         }
+    }
+
+    /// Whether it is one of an angle.
+    pub fn is_of_angle(self) -> bool {
+        matches!(self, Self::Deg | Self::Rad)
     }
 }
 
@@ -223,6 +272,10 @@ impl Unit {
             (Quantity::Angle, name) => Self::Angle(match name {
                 "deg" | "\u{b0}" | "degree" | "degrees" => AngleUnit::Deg,
                 "rad" | "radian" | "radians" => AngleUnit::Rad,
+                "mm" | "millimetre" | "millimetres" | "millimeter" | "millimeters" => AngleUnit::Mm,
+                "cm" | "centimetre" | "centimetres" | "centimeter" | "centimeters" => AngleUnit::Cm,
+                "um" | "\u{b5}m" | "\u{3bc}m" | "micrometre" | "micrometres" => AngleUnit::Um,
+                "mv" | "millivolt" | "millivolts" => AngleUnit::Mv,
                 _ => return None,
             }),
         })
@@ -249,7 +302,7 @@ impl Unit {
 }
 
 /// How the numbers of a column become those of its unit: two of them, and what they stand for.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scale {
     /// Two numbers of the file, each with what it is in the unit.
     pub points: [[f64; 2]; 2],
@@ -312,7 +365,7 @@ impl std::fmt::Display for Scale {
 
 /// What the columns hold. A field that is `None` or false was not said: then the
 /// header counts, and may be doubted. What was said is not doubted.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Columns {
     /// Unit of the times.
     pub time: Option<TimeUnit>,

@@ -152,7 +152,7 @@ impl fmt::Display for LeftOut {
 ///
 /// Samples mostly stand on lines that follow each other, so only the beginnings of such runs are
 /// kept.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lines {
     /// First samples of runs, and their numbers in the file. In order, the first of sample 0;
     /// empty where sample `k` has number `k + 1`.

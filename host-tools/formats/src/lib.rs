@@ -21,6 +21,7 @@ pub mod formula;
 pub mod instant;
 pub mod left_out;
 pub mod material_name;
+pub mod measurand;
 pub mod model_file;
 pub mod model_schema;
 pub mod numbers;

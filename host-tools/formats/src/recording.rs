@@ -10,15 +10,17 @@ use std::collections::BTreeSet;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use statrs::statistics::{Data, OrderStatistics};
 
 use crate::bounded::{Limits, read_text};
-use crate::columns::{Columns, Layout};
+use crate::columns::{Columns, Layout, Quantity};
 use crate::error::InputError;
 use crate::formats::{self, Samples};
 use crate::left_out::{LeftOut, Lines, What};
+use crate::measurand::Measurand;
 use crate::removed::{Channel, Removed, Why, bridge};
 use crate::setup::Setup;
 
@@ -32,7 +34,7 @@ pub const GAP_FACTOR: f64 = 3.0;
 const REQUIRED: [&str; 3] = ["time_s", "pressure_kpa", "angle_deg"];
 
 /// A recorded run.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Recording {
     /// File name without folder and extension.
     pub name: String,
@@ -62,6 +64,8 @@ pub struct Recording {
     pub left_out: Vec<LeftOut>,
     /// Samples that are not believed; a straight line stands in their place.
     pub removed: Vec<Removed>,
+    /// What the angle is, where it is none.
+    pub measurand: Measurand,
 }
 
 /// The pause (s) on the time axis where the clock begins again, for a usual interval (s): longer
@@ -73,7 +77,7 @@ pub fn pause_s(interval: f64) -> f64 {
 }
 
 /// An optional column, kept as text.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Column {
     /// Header.
     pub name: String,
@@ -197,6 +201,13 @@ impl Meta {
         let since = started.duration_since(std::time::UNIX_EPOCH).ok()?;
         Some(since.as_secs_f64())
     }
+
+    /// Says when the recording began (s since 1970-01-01, UTC), to the microsecond.
+    pub fn set_started(&mut self, unix_s: f64) {
+        let since = Duration::try_from_secs_f64(unix_s).ok();
+        let started = since.and_then(|it| std::time::UNIX_EPOCH.checked_add(it));
+        self.started = started.map(|it| humantime::format_rfc3339_micros(it).to_string());
+    }
 }
 
 /// A date may stand in quotes, as `softrig record` writes it, or as TOML's own.
@@ -250,8 +261,10 @@ impl Recording {
         Ok((recording.set_up(layout), warnings))
     }
 
-    /// How the rig stood, as far as the metadata do not say it.
+    /// How the rig stood, as far as the metadata do not say it, and what its output is called.
     fn set_up(mut self, layout: &Layout) -> Self {
+        let column = layout.names.of(Quantity::Angle);
+        self.measurand = Measurand::of(column, self.columns.angle);
         if layout.setup != Setup::default() {
             let said = self.meta.setup.take().unwrap_or_default();
             self.meta.setup = Some(said.or(&layout.setup));
@@ -382,6 +395,7 @@ impl Recording {
             lines,
             left_out,
             removed: Vec::new(),
+            measurand: Measurand::of(Quantity::Angle.column(), columns.angle),
         };
         if let Some(gap) = recording.describe_gaps() {
             warnings.push(format!("{}: {gap}", path.display()));
@@ -414,6 +428,18 @@ impl Recording {
     pub fn remarks(&self, warnings: Vec<String>) -> Vec<String> {
         let left_out = self.left_out.iter().map(ToString::to_string);
         left_out.chain(warnings).collect()
+    }
+
+    /// When time 0 was (s since 1970-01-01, UTC), as far as the metadata say it, or the times
+    /// themselves, where the file has dates.
+    pub fn zero_unix_s(&self) -> Option<f64> {
+        /// Times beyond this (s) count from 1970: it is a day of 2001, and no board runs 31 years.
+        const DATES_S: f64 = 1e9;
+        if self.time.first().is_some_and(|first| *first >= DATES_S) {
+            return Some(0.0);
+        }
+        let cut = self.meta.part_of.as_ref().and(self.meta.begins_s);
+        Some(self.meta.started_unix_s()? + cut.unwrap_or(0.0))
     }
 
     /// Number of samples.
@@ -477,6 +503,7 @@ impl Recording {
             path: self.path.clone(),
             meta: self.meta.clone(),
             columns: self.columns,
+            measurand: self.measurand.clone(),
             left_out: self.left_out.clone(),
         }
     }

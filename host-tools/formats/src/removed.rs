@@ -54,7 +54,7 @@ impl Why {
 }
 
 /// Successive samples of a channel that are not believed, for one reason.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Removed {
     /// The channel.
     pub channel: Channel,

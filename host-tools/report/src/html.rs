@@ -23,7 +23,7 @@ use softrig::diagnose::decide::verdict::Answer;
 use softrig::diagnose::score::localise::{Feature, Gap, SINCE_LAST_EDGE};
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::statistics::{median, squares_about_mean};
-use softrig_formats::numbers::{degrees, fit, percent, short};
+use softrig_formats::numbers::{fit, percent, short};
 use softrig_formats::terminal::printable;
 
 const TEMPLATE: &str = include_str!("assets/template.html");
@@ -311,8 +311,11 @@ fn features(gap: &Gap) -> Vec<Picture> {
         .chain(others)
         .map(|feature| {
             picture(
-                &feature_figure(feature),
-                format!("Against the {}", feature.name),
+                &feature_figure(feature, &gap.measurand),
+                format!(
+                    "Against the {}",
+                    gap.measurand.named(feature.name, feature.unit).0
+                ),
                 format!(
                     "It goes with {} of the missing force. Dots: single samples; line and band: \
                      their mean and standard deviation.",
@@ -334,12 +337,12 @@ fn maps(gap: &Gap) -> Vec<Map> {
     gap.maps
         .iter()
         .zip(titles)
-        .filter_map(|(map, title)| map_figure(map).map(|drawn| (map, title, drawn)))
+        .filter_map(|(map, title)| map_figure(map, &gap.measurand).map(|drawn| (map, title, drawn)))
         .map(|(map, title, (figure, scale))| {
-            let [across, up] = &map.axes;
+            let [across, up] =
+                [0, 1].map(|at: usize| gap.measurand.named(map.axes[at].name, map.axes[at].unit).0);
             let caption = format!(
-                "Mean missing force for each {} and {}; blank where the rig hardly ever was.",
-                across.name, up.name
+                "Mean missing force for each {across} and {up}; blank where the rig hardly ever was."
             );
             Map {
                 picture: picture(&figure, title.to_owned(), caption),
@@ -379,9 +382,10 @@ fn run_picture(
     curves: &[Vec<&'static str>; 2],
     confidence: Option<&Confidence>,
 ) -> Picture {
+    let unit = view.recording.measurand.unit();
     let errors: Vec<String> = curves[1]
         .iter()
-        .map(|label| format!("{}° {label}", short(error_of(view, label))))
+        .map(|label| format!("{}{unit} {label}", short(error_of(view, label))))
         .collect();
     let band = confidence.and_then(|all| Some((all.label, all.of_run(place)?)));
     let width = band.map_or_else(String::new, |(_, half)| {
@@ -393,7 +397,7 @@ fn run_picture(
         let widest = half.iter().copied().fold(0.0, f64::max);
         let usual = median(&mut half.to_vec());
         format!(
-            "; 95 % band ±{}°, at most ±{}°{thin}",
+            "; 95 % band ±{}{unit}, at most ±{}{unit}{thin}",
             short(usual),
             short(widest)
         )
@@ -465,28 +469,34 @@ fn noise(diagnosis: &Diagnosis) -> Vec<[String; 2]> {
     let mut rows = vec![
         [
             "noise floor of the fitted runs".to_owned(),
-            degrees(floor.rms),
+            diagnosis.shown(floor.rms),
         ],
-        ["noise of the angle sensor".to_owned(), degrees(floor.white)],
+        [
+            format!("noise of the {} sensor", diagnosis.data.measurand().name()),
+            diagnosis.shown(floor.white),
+        ],
     ];
     if let Some(repeats) = floor.repeats {
         rows.push([
             format!("spread between repeats ({} groups)", floor.groups.len()),
-            degrees(repeats),
+            diagnosis.shown(repeats),
         ]);
     }
     if let Some(rest) = floor.rest {
-        rows.push(["noise at rest, about a line".to_owned(), degrees(rest)]);
+        rows.push([
+            "noise at rest, about a line".to_owned(),
+            diagnosis.shown(rest),
+        ]);
     }
     if floor.quantisation_step > 0.0 {
         rows.push([
             "step of the converter".to_owned(),
-            degrees(floor.quantisation_step),
+            diagnosis.shown(floor.quantisation_step),
         ]);
     }
     rows.push([
         "left by the noise of the pressure, on top of the floor".to_owned(),
-        degrees(floor.input),
+        diagnosis.shown(floor.input),
     ]);
     rows
 }

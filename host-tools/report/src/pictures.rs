@@ -15,7 +15,8 @@ use softrig::diagnose::recordings::noise::NoiseFloor;
 use softrig::diagnose::score::localise::{Feature, ForceMap, Gap, MapAxis};
 use softrig::statistics::{rms, swing};
 use softrig_formats::error::InputError;
-use softrig_formats::numbers::{degrees, short};
+use softrig_formats::measurand::Measurand;
+use softrig_formats::numbers::short;
 use softrig_formats::recording::Recording;
 use softrig_formats::removed::Channel;
 
@@ -30,6 +31,8 @@ const SMALL_PX: f64 = 300.0;
 
 /// Labels of the curves; the page's switches go by them.
 pub const MEASURED: &str = "measured";
+/// What the lowest panels show.
+const RESIDUAL: &str = "simulated − measured";
 /// The input.
 pub const PRESSURE: &str = "pressure";
 /// The model as supplied.
@@ -66,20 +69,37 @@ pub fn figure(diagnosis: &Diagnosis) -> Figure {
 /// Names a run that there is not, and those that there are.
 pub fn figure_of_runs(diagnosis: &Diagnosis, names: &[String]) -> Result<Figure, InputError> {
     let all = runs(diagnosis);
+    let drawn = named(&all, names, |run| {
+        (&run.recording.name, &run.recording.path)
+    })?;
+    Ok(figure_of(diagnosis, &drawn))
+}
+
+/// The runs with these names, or paths, in the order in which they are named.
+///
+/// # Errors
+///
+/// Names a run that there is not, and those that there are.
+pub fn named<'r, T>(
+    all: &'r [T],
+    names: &[String],
+    known_by: impl Fn(&T) -> (&str, &Path),
+) -> Result<Vec<&'r T>, InputError> {
     let find = |name: &String| {
-        let is_it = |run: &&RunView<'_>| {
-            run.recording.name == *name.trim() || run.recording.path == Path::new(name.trim())
+        let name = name.trim();
+        let is_it = |run: &&T| {
+            let (known, path) = known_by(run);
+            known == name || path == Path::new(name)
         };
         all.iter().find(is_it).ok_or_else(|| {
-            let names: Vec<&str> = all.iter().map(|it| it.recording.name.as_str()).collect();
+            let names: Vec<&str> = all.iter().map(|it| known_by(it).0).collect();
             InputError::new(
                 format!("there is no run {name} to draw"),
                 format!("give some of {}", names.join(", ")),
             )
         })
     };
-    let drawn: Vec<&RunView<'_>> = names.iter().map(find).collect::<Result<_, _>>()?;
-    Ok(figure_of(diagnosis, &drawn))
+    names.iter().map(find).collect()
 }
 
 fn figure_of(diagnosis: &Diagnosis, drawn: &[&RunView<'_>]) -> Figure {
@@ -88,80 +108,121 @@ fn figure_of(diagnosis: &Diagnosis, drawn: &[&RunView<'_>]) -> Figure {
     } else {
         format!(
             "{} repaired, ",
-            degrees(diagnosis.held_out.repaired_on_board)
+            diagnosis.shown(diagnosis.held_out.repaired_on_board)
         )
     };
     let gap = format!(
         "RMS error on validation runs: {} refitted, {repaired}{} noise",
-        degrees(diagnosis.held_out.refit),
-        degrees(diagnosis.held_out.floor)
+        diagnosis.shown(diagnosis.held_out.refit),
+        diagnosis.shown(diagnosis.held_out.floor)
     );
-    let mut figure = Figure::new(sentence(diagnosis)).with_subtitle(gap);
-    figure.row_height_px = ROW_HEIGHT_PX;
-    figure.columns = drawn.len().max(1);
-    let curves = |run: &RunView<'_>| -> Vec<(&'static str, Style)> {
-        if run.repaired == run.refit {
-            vec![(REFITTED, Style::BEFORE)]
-        } else {
-            vec![(REFITTED, Style::BEFORE), (REPAIRED, Style::AFTER)]
-        }
-    };
-    let residual = |run: &RunView<'_>, label: &str| {
-        if label == REFITTED {
-            run.refit.clone()
-        } else {
-            run.repaired.clone()
-        }
-    };
-    for run in drawn {
+    let runs: Vec<DrawnRun<'_>> = drawn.iter().map(|run| DrawnRun::of(run)).collect();
+    figure_of_drawn(sentence(diagnosis), gap, &diagnosis.data.measurand(), &runs)
+}
+
+/// A run as a picture shows it: angles, the pressure under them, residuals below.
+#[derive(Clone, Debug)]
+pub struct DrawnRun<'a> {
+    /// The heading of its panels.
+    pub title: String,
+    /// Time of each sample (s).
+    pub time: &'a [f64],
+    /// The measured angle (°).
+    pub measured: &'a [f64],
+    /// The measured pressure (kPa).
+    pub pressure: &'a [f64],
+    /// Label and style of each model, and simulated minus measured angle (°).
+    pub models: Vec<(&'static str, Style, &'a [f64])>,
+    /// Samples of the angle and of the pressure that were [left out](left_out).
+    pub left_out: [Vec<usize>; 2],
+}
+
+impl<'a> DrawnRun<'a> {
+    fn of(run: &'a RunView<'_>) -> Self {
         let title = if run.held_out { "validation" } else { "fitted" };
-        let time = &run.recording.time;
-        let mut panel = Panel::new("time (s)", "angle (°)")
-            .with_title(format!("{} ({title})", run.recording.name))
-            .with_weight(2.0)
-            .with_series(Series::new(MEASURED, time, &run.measured, Style::MEASURED));
-        for (label, style) in curves(run) {
-            let angle = run.angle(&residual(run, label));
-            panel = panel.with_series(Series::new(label, time, &angle, style));
+        let mut models = vec![(REFITTED, Style::BEFORE, run.refit.as_slice())];
+        if run.repaired != run.refit {
+            models.push((REPAIRED, Style::AFTER, &run.repaired));
         }
-        figure = figure.with_panel(with_left_out(panel, run, Channel::Angle));
+        Self {
+            title: format!("{} ({title})", run.recording.name),
+            time: &run.recording.time,
+            measured: &run.measured,
+            pressure: &run.pressure,
+            models,
+            left_out: left_out(run.recording),
+        }
     }
-    for run in drawn {
-        figure = figure.with_panel(pressure_panel(run));
+}
+
+/// A figure with a column for each run.
+pub fn figure_of_drawn(
+    title: impl Into<String>,
+    subtitle: impl Into<String>,
+    measurand: &Measurand,
+    runs: &[DrawnRun<'_>],
+) -> Figure {
+    let mut figure = Figure::new(title).with_subtitle(subtitle);
+    figure.row_height_px = ROW_HEIGHT_PX;
+    figure.columns = runs.len().max(1);
+    for run in runs {
+        let mut panel = Panel::new("time (s)", measurand.label())
+            .with_title(run.title.as_str())
+            .with_weight(2.0)
+            .with_series(Series::new(
+                MEASURED,
+                run.time,
+                run.measured,
+                Style::MEASURED,
+            ));
+        for &(label, style, residual) in &run.models {
+            let both = residual.iter().zip(run.measured);
+            let angle: Vec<f64> = both.map(|(residual, angle)| residual + angle).collect();
+            panel = panel.with_series(Series::new(label, run.time, &angle, style));
+        }
+        figure = figure.with_panel(with_left_out(
+            panel,
+            run.time,
+            run.measured,
+            &run.left_out[0],
+        ));
     }
-    for run in drawn {
-        let mut panel = Panel::new("time (s)", "simulated − measured (°)")
+    for run in runs {
+        figure = figure.with_panel(pressure_panel(run.time, run.pressure, &run.left_out[1]));
+    }
+    for run in runs {
+        let mut panel = Panel::new("time (s)", measurand.with_unit(RESIDUAL))
             .with_legend(false)
             .with_level(0.0);
-        for (label, style) in curves(run) {
-            let error = residual(run, label);
+        for &(label, style, residual) in &run.models {
             let style = Style::new(style.role, Mark::Thin);
-            panel = panel.with_series(Series::new(label, &run.recording.time, &error, style));
+            panel = panel.with_series(Series::new(label, run.time, residual, style));
         }
         figure = figure.with_panel(panel);
     }
     figure
 }
 
-/// The panel with rings where samples of a channel were left out. A straight line stands there:
-/// what the file has may be far beyond the panel.
-fn with_left_out(panel: Panel, run: &RunView<'_>, channel: Channel) -> Panel {
-    let values = match channel {
-        Channel::Angle => &run.measured,
-        Channel::Pressure => &run.pressure,
-    };
-    let (time, values): (Vec<f64>, Vec<f64>) = run
-        .recording
-        .removed_from(channel)
-        .filter(|removed| removed.why.is_fault())
-        .flat_map(|removed| removed.samples.clone())
-        .map(|sample| (run.recording.time[sample], values[sample]))
-        .unzip();
-    if time.is_empty() {
+/// Samples of the angle and of the pressure of a recording that are not believed.
+pub fn left_out(recording: &Recording) -> [Vec<usize>; 2] {
+    [Channel::Angle, Channel::Pressure].map(|channel| {
+        recording
+            .removed_from(channel)
+            .filter(|removed| removed.why.is_fault())
+            .flat_map(|removed| removed.samples.clone())
+            .collect()
+    })
+}
+
+/// The panel with rings where samples were left out. A straight line stands there: what the file
+/// has may be far beyond the panel.
+fn with_left_out(panel: Panel, time: &[f64], values: &[f64], samples: &[usize]) -> Panel {
+    if samples.is_empty() {
         return panel;
     }
+    let pick = |all: &[f64]| -> Vec<f64> { samples.iter().map(|&sample| all[sample]).collect() };
     let style = Style::new(Role::Emphasis, Mark::Rings);
-    panel.with_series(Series::new("left out", &time, &values, style))
+    panel.with_series(Series::new("left out", &pick(time), &pick(values), style))
 }
 
 /// The selected run with the largest error of the refit.
@@ -254,19 +315,14 @@ pub fn style_of(label: &str) -> Style {
     }
 }
 
-/// The measured pressure of a run, in a low panel: its timing matters here, not its size.
-fn pressure_panel(run: &RunView<'_>) -> Panel {
+/// The measured pressure (kPa) of a run, in a low panel: its timing matters here, not its size.
+fn pressure_panel(time: &[f64], pressure: &[f64], left_out: &[usize]) -> Panel {
     let style = Style::new(Role::Measured, Mark::Line);
     let panel = Panel::new("time (s)", "pressure (kPa)")
         .with_legend(false)
         .with_weight(0.4)
-        .with_series(Series::new(
-            PRESSURE,
-            &run.recording.time,
-            &run.pressure,
-            style,
-        ));
-    with_left_out(panel, run, Channel::Pressure)
+        .with_series(Series::new(PRESSURE, time, pressure, style));
+    with_left_out(panel, time, pressure, left_out)
 }
 
 /// A recording as it was read: the angle above, the pressure under it.
@@ -274,7 +330,7 @@ pub fn recording_figure(recording: &Recording) -> Figure {
     let angle: Vec<f64> = recording.angle.iter().map(|it| it.to_degrees()).collect();
     let pressure: Vec<f64> = recording.pressure.iter().map(|it| it / 1e3).collect();
     let style = Style::new(Role::Measured, Mark::Line);
-    let panel = |quantity, weight, label, values: &[f64]| {
+    let panel = |quantity: String, weight, label, values: &[f64]| {
         Panel::new("time (s)", quantity)
             .with_legend(false)
             .with_weight(weight)
@@ -283,8 +339,8 @@ pub fn recording_figure(recording: &Recording) -> Figure {
     let mut figure = column();
     figure.width_px = SMALL_PX;
     figure
-        .with_panel(panel("angle (°)", 0.8, MEASURED, &angle))
-        .with_panel(panel("pressure (kPa)", 0.6, PRESSURE, &pressure))
+        .with_panel(panel(recording.measurand.label(), 0.8, MEASURED, &angle))
+        .with_panel(panel("pressure (kPa)".to_owned(), 0.6, PRESSURE, &pressure))
 }
 
 /// One run: angles above, the pressure under them, residuals below. A curve may have a band
@@ -295,7 +351,9 @@ pub fn run_figure(
     band: Option<(&str, &[f64])>,
 ) -> Figure {
     let time = &run.recording.time;
-    let mut angles = Panel::new("time (s)", "angle (°)")
+    let [of_angle, of_pressure] = left_out(run.recording);
+    let measurand = &run.recording.measurand;
+    let mut angles = Panel::new("time (s)", measurand.label())
         .with_legend(false)
         .with_series(Series::new(MEASURED, time, &run.measured, Style::MEASURED));
     if let Some((label, half)) = band {
@@ -311,8 +369,8 @@ pub fn run_figure(
         let angle = run.angle(residual_of(run, label));
         angles = angles.with_series(Series::new(label, time, &angle, style_of(label)));
     }
-    angles = with_left_out(angles, run, Channel::Angle);
-    let mut errors = Panel::new("time (s)", "simulated − measured (°)")
+    angles = with_left_out(angles, time, &run.measured, &of_angle);
+    let mut errors = Panel::new("time (s)", measurand.with_unit(RESIDUAL))
         .with_legend(false)
         .with_level(0.0)
         .with_weight(0.75);
@@ -323,7 +381,7 @@ pub fn run_figure(
     }
     column()
         .with_panel(angles)
-        .with_panel(pressure_panel(run))
+        .with_panel(pressure_panel(time, &run.pressure, &of_pressure))
         .with_panel(errors)
 }
 
@@ -371,7 +429,7 @@ pub fn force_figure(gap: &Gap, shown: &[(usize, &str)]) -> Figure {
 
 /// The missing force over one feature: samples, and the mean with its standard
 /// deviation.
-pub fn feature_figure(feature: &Feature) -> Figure {
+pub fn feature_figure(feature: &Feature, measurand: &Measurand) -> Figure {
     let columns = |of: fn(&(f64, f64)) -> f64| feature.dots.iter().map(of).collect::<Vec<f64>>();
     let at: Vec<f64> = feature.curve.iter().map(|point| point.at).collect();
     let mean: Vec<f64> = feature.curve.iter().map(|point| point.force).collect();
@@ -382,28 +440,31 @@ pub fn feature_figure(feature: &Feature) -> Figure {
             .map(|point| point.force + sign * point.standard_deviation)
             .collect()
     };
-    let panel = Panel::new(with_unit(feature.name, feature.unit), "missing force (N)")
-        .with_legend(false)
-        .with_level(0.0)
-        .with_series(Series::new(
-            "",
-            &columns(|dot| dot.0),
-            &columns(|dot| dot.1),
-            Style::MEASURED_POINTS,
-        ))
-        .with_series(Series::band(
-            "",
-            &at,
-            &edge(-1.0),
-            &edge(1.0),
-            Role::Emphasis,
-        ))
-        .with_series(Series::new("mean", &at, &mean, Style::EMPHASIS));
+    let panel = Panel::new(
+        with_unit(measurand.named(feature.name, feature.unit)),
+        "missing force (N)",
+    )
+    .with_legend(false)
+    .with_level(0.0)
+    .with_series(Series::new(
+        "",
+        &columns(|dot| dot.0),
+        &columns(|dot| dot.1),
+        Style::MEASURED_POINTS,
+    ))
+    .with_series(Series::band(
+        "",
+        &at,
+        &edge(-1.0),
+        &edge(1.0),
+        Role::Emphasis,
+    ))
+    .with_series(Series::new("mean", &at, &mean, Style::EMPHASIS));
     column().with_panel(panel)
 }
 
 /// The missing force over two features, and the force (N) of the darkest shade.
-pub fn map_figure(map: &ForceMap) -> Option<(Figure, f64)> {
+pub fn map_figure(map: &ForceMap, measurand: &Measurand) -> Option<(Figure, f64)> {
     let forces = || map.force.iter().flatten().copied().flatten();
     let scale = forces().fold(0.0, |largest: f64, force| largest.max(force.abs()));
     if scale <= 0.0 {
@@ -422,13 +483,8 @@ pub fn map_figure(map: &ForceMap) -> Option<(Figure, f64)> {
         for (force, &y) in row.iter().zip(&up_bins) {
             let Some(force) = *force else { continue };
             let range = |axis: &MapAxis, (from, to): (f64, f64)| {
-                format!(
-                    "{} {} … {} {}",
-                    axis.name,
-                    short(from),
-                    short(to),
-                    axis.unit
-                )
+                let (name, unit) = measurand.named(axis.name, axis.unit);
+                format!("{name} {} … {} {unit}", short(from), short(to))
             };
             cells.push(Cell {
                 x,
@@ -444,8 +500,8 @@ pub fn map_figure(map: &ForceMap) -> Option<(Figure, f64)> {
     };
     let (x, y) = (outline(across), outline(up));
     let panel = Panel::new(
-        with_unit(across.name, across.unit),
-        with_unit(up.name, up.unit),
+        with_unit(measurand.named(across.name, across.unit)),
+        with_unit(measurand.named(up.name, up.unit)),
     )
     .with_x_range(x.0, x.1)
     .with_y_range(y.0, y.1)
@@ -454,9 +510,9 @@ pub fn map_figure(map: &ForceMap) -> Option<(Figure, f64)> {
     Some((column().with_panel(panel), scale))
 }
 
-fn with_unit(name: &str, unit: &str) -> String {
+fn with_unit((name, unit): (String, String)) -> String {
     if unit.is_empty() {
-        name.to_owned()
+        name
     } else {
         format!("{name} ({unit})")
     }

@@ -15,6 +15,8 @@ pub struct RunView<'a> {
     pub held_out: bool,
     /// Index among the fitted runs, or among those held out.
     pub index: usize,
+    /// When time 0 was (s since 1970, UTC), if that is known.
+    pub zero_unix_s: Option<f64>,
     /// The measured angle.
     pub measured: Vec<f64>,
     /// The measured pressure in kPa, its zero still in it.
@@ -85,6 +87,7 @@ pub fn runs<'d>(diagnosis: &'d Diagnosis) -> Vec<RunView<'d>> {
         RunView {
             held_out,
             index,
+            zero_unix_s: diagnosis.data.zero_unix_s(segment),
             measured: degrees(&segment.recording.angle),
             pressure: segment
                 .recording

@@ -131,14 +131,8 @@ fn errors(content: &Content) -> Vec<String> {
         };
         format!("{name:<20} {runs:>4} {nominal:>16} {refit:>16} {repaired}{floor:>8}")
     };
-    let head = line([
-        "RMS error (°), fit",
-        "runs",
-        "nominal",
-        "refitted",
-        "repaired",
-        "noise",
-    ]);
+    let title = format!("RMS error ({}), fit", content.unit);
+    let head = line([&title, "runs", "nominal", "refitted", "repaired", "noise"]);
     let rows = content.errors.iter().map(|row| {
         let [nominal, refit, repaired] = &row.fits;
         let with_fit = |error: &str, fit: &str| format!("{error}, {fit}");

@@ -3,10 +3,9 @@
 //! For each set-point the recorded repeats are averaged, and the RMS error of every model against
 //! that mean is given in degrees and in percent of the set-point.
 
-use std::fmt;
-
 use model_core::actuator::{Model, ParameterId};
 use softrig_formats::error::InputError;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 
@@ -62,6 +61,12 @@ impl Comparison {
             groups,
             models,
         }
+    }
+
+    /// What the output is.
+    pub fn measurand(&self) -> Measurand {
+        let first = self.runs.first();
+        first.map_or_else(Measurand::default, |run| run.measurand.clone())
     }
 
     /// Adds somebody else's predictions of the same runs.
@@ -269,14 +274,16 @@ fn setpoint_deg(recording: &Recording, average: &[f64]) -> f64 {
         })
 }
 
-/// An error in degrees and, where that means something, in percent of the set-point.
-impl fmt::Display for ModelError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl ModelError {
+    /// The error in the unit of the output and, where that means something, in percent of the
+    /// set-point.
+    pub fn shown(&self, measurand: &Measurand) -> String {
         let Self { rms_deg, percent } = self;
+        let unit = measurand.unit();
         if percent.is_finite() {
-            write!(f, "{rms_deg:.2}° ({percent:.1} %)")
+            format!("{rms_deg:.2}{unit} ({percent:.1} %)")
         } else {
-            write!(f, "{rms_deg:.2}°")
+            format!("{rms_deg:.2}{unit}")
         }
     }
 }

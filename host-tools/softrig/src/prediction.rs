@@ -5,6 +5,7 @@
 //! has none. So a model is fitted to the predictions and [stands in](StandIn) for the simulation: the
 //! rig that this model would have to follow is its own motion plus what the simulation is off.
 
+use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
@@ -58,6 +59,17 @@ impl FromStr for Prediction {
                 unit: None,
             },
         })
+    }
+}
+
+impl fmt::Display for Prediction {
+    /// As it is read.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.column)?;
+        match self.unit {
+            Some(unit) => write!(f, ":{}", Unit::Angle(unit).name()),
+            None => Ok(()),
+        }
     }
 }
 
@@ -229,21 +241,26 @@ impl StandIn {
             column: prediction.column.clone(),
             rmse_deg,
             stand_in_rmse_deg,
-            caveat: caveat(&file.name, &prediction.column, rmse_deg, stand_in_rmse_deg),
+            caveat: caveat(
+                &file.name,
+                &prediction.column,
+                [rmse_deg, stand_in_rmse_deg],
+                fitted.first().map_or("°", |it| it.measurand.unit()),
+            ),
         };
         Ok((stand_in, ModelFile::parse(&text, &file.path)?))
     }
 }
 
-fn caveat(model: &str, column: &str, rmse_deg: f64, stand_in_deg: f64) -> String {
+fn caveat(model: &str, column: &str, [rmse_deg, stand_in_deg]: [f64; 2], unit: &str) -> String {
     let poor = if stand_in_deg > rmse_deg {
         ". It is farther from the predictions than these are from the rig: take the answer as a hint"
     } else {
         ""
     };
     format!(
-        "the simulation behind {column} is {}° RMS off the rig and itself unseen. {model}, fitted to its \
-         predictions with {}° RMS, stands in for it, and the answer is the force on that model that \
+        "the simulation behind {column} is {}{unit} RMS off the rig and itself unseen. {model}, fitted to its \
+         predictions with {}{unit} RMS, stands in for it, and the answer is the force on that model that \
          leaves the same residual{poor}",
         short(rmse_deg),
         short(stand_in_deg)

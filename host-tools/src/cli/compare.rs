@@ -201,8 +201,9 @@ fn figure(comparison: &Comparison) -> Figure {
     };
     let mut figure = Figure::new("Models beside the mean of the repeats")
         .with_subtitle(format!(
-            "Grey: the measured angle, the mean of all runs to one set-point{band}. Beside each \
-             model its RMS error against that mean, in degrees and in percent of the set-point."
+            "Grey: the measured {}, the mean of all runs to one set-point{band}. Beside each \
+             model its RMS error against that mean, and in percent of the set-point.",
+            comparison.measurand().name()
         ))
         .with_separate_x()
         .with_columns(groups.len().min(2));
@@ -225,8 +226,13 @@ fn panel(comparison: &Comparison, group: &Repeats, angles: &[Vec<f64>], place: u
         1 => "one run".to_owned(),
         count => format!("{count} repeats"),
     };
-    let title = format!("{}, {:.0}°, {runs_are}", group.label, group.setpoint_deg);
-    let mut panel = Panel::new("time (s)", "angle (°)").with_title(title);
+    let measurand = comparison.measurand();
+    let unit = measurand.unit();
+    let title = format!(
+        "{}, {:.0}{unit}, {runs_are}",
+        group.label, group.setpoint_deg
+    );
+    let mut panel = Panel::new("time (s)", measurand.label()).with_title(title);
     if let Some(deviation) = deviation(&measured) {
         let edge = |sign: f64| -> Vec<f64> {
             let both = middle.iter().zip(&deviation);
@@ -245,7 +251,7 @@ fn panel(comparison: &Comparison, group: &Repeats, angles: &[Vec<f64>], place: u
     for (index, model) in comparison.models.iter().enumerate() {
         let misses = average(&group.of(&model.residuals));
         let angle: Vec<f64> = middle.iter().zip(&misses).map(|(a, b)| a + b).collect();
-        let label = format!("{}: {}", model.name, model.errors[place]);
+        let label = format!("{}: {}", model.name, model.errors[place].shown(&measurand));
         let style = if model.is_rival {
             Style::BEFORE.dashed()
         } else {
@@ -258,6 +264,7 @@ fn panel(comparison: &Comparison, group: &Repeats, angles: &[Vec<f64>], place: u
 
 fn table(comparison: &Comparison) -> String {
     let Comparison { groups, models, .. } = comparison;
+    let measurand = comparison.measurand();
     let labels = super::width(20, groups.iter().map(|group| group.label.as_str()));
     let names = super::width(24, models.iter().map(|model| model.name.as_str()));
     let mut text = format!(
@@ -270,13 +277,13 @@ fn table(comparison: &Comparison) -> String {
     text.push('\n');
     for (row, group) in groups.iter().enumerate() {
         text += &format!(
-            "{:<labels$} {:>8.1}° {:>8}",
+            "{:<labels$} {:>9} {:>8}",
             group.label,
-            group.setpoint_deg,
+            format!("{:.1}{}", group.setpoint_deg, measurand.unit()),
             group.runs.len()
         );
         for model in models {
-            text += &format!(" {:>names$}", model.errors[row].to_string());
+            text += &format!(" {:>names$}", model.errors[row].shown(&measurand));
         }
         text.push('\n');
     }

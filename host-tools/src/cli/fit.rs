@@ -18,6 +18,7 @@ use softrig::estimate::fitter::Fitter;
 use softrig::estimate::profile::Profile;
 use softrig::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use softrig_formats::error::write_atomically;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
 use softrig_formats::numbers::{short, tidy, with_ends};
 use softrig_formats::recording::Recording;
@@ -331,7 +332,7 @@ pub fn table(file: &ModelFile, refit: &Refit) -> String {
         "{}\n{}\n{}\n",
         parameter_table(file, fitted),
         error_table(&data.recordings(true), nominal, fitted),
-        Zeros::of(fitted, data)
+        Zeros::of(fitted, data).sentence(&data.measurand())
     )
 }
 
@@ -372,7 +373,12 @@ fn error_table(recordings: &[Recording], before: &Fit, after: &Fit) -> String {
     };
     let mut text = format!(
         "{:<40} {:>11} {:>11}\n",
-        "RMS error (°)", "nominal", "fitted"
+        recordings
+            .first()
+            .map_or_else(Measurand::default, |it| it.measurand.clone())
+            .with_unit("RMS error"),
+        "nominal",
+        "fitted"
     );
     for ((recording, before), after) in recordings.iter().zip(rms_each(before)).zip(rms_each(after))
     {

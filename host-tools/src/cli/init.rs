@@ -397,8 +397,9 @@ fn summary(first: &FirstModel) -> String {
         text += "\nNothing of this was measured on your rig: guesses are marked in the file.\n";
         return text;
     };
+    let unit = evidence.measurand.unit();
     text += &format!(
-        "\nRMS error {}°, of {}° about the mean.\n",
+        "\nRMS error {}{unit}, of {}{unit} about the mean.\n",
         short(evidence.rms.to_degrees()),
         short(evidence.about_mean.to_degrees())
     );

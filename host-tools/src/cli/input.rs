@@ -22,7 +22,8 @@ pub struct InputArgs {
     #[arg(long, value_name = "WHICH=COLUMN,…", value_parser = Names::parse)]
     columns: Vec<Names>,
     /// Units of these columns: time=ms,pressure=psi,angle=rad. Time: s, ms, us, ns, min, day;
-    /// pressure: kpa, psi, bar, mbar, mpa, pa, mmhg; angle: deg, rad
+    /// pressure: kpa, psi, bar, mbar, mpa, pa, mmhg; angle: deg, rad, or
+    /// mm, cm, um, mv of an output that is no angle
     #[arg(long, value_name = "WHICH=UNIT,…", value_parser = Columns::of_units)]
     units: Vec<Columns>,
     /// How numbers of the file become those of a unit, by two of them and what they are:

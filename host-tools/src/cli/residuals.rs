@@ -21,6 +21,7 @@ use softrig::residual_analysis::{Ahead, Distribution, errors_ahead};
 use softrig::statistics::rms;
 use softrig_formats::columns::Layout;
 use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{percent, short};
 use softrig_formats::recording::{Recording, read_all};
@@ -70,6 +71,9 @@ pub struct Analysis {
     schema: u32,
     /// Name of the model.
     model: String,
+    /// What the output is; its unit is that of all that ends in `_deg`.
+    #[serde(skip)]
+    measurand: Measurand,
     /// Samples of the residual.
     samples: usize,
     /// RMS of the residual over whole runs (°).
@@ -231,7 +235,7 @@ impl Analysis {
     /// # Errors
     ///
     /// Refuses recordings that cannot be used, or that have no such predictions.
-    fn of_prediction(
+    pub fn of_prediction(
         prediction: &Prediction,
         recordings: &[Recording],
     ) -> Result<(Self, Vec<String>), InputError> {
@@ -297,6 +301,7 @@ impl Analysis {
         Ok(Self {
             schema: SCHEMA,
             model: name.to_owned(),
+            measurand: data.measurand(),
             samples: usable.len(),
             rmse_deg: rms(&usable).to_degrees(),
             with_itself: Lagged::of(&correlations.own, correlations.own.is_white(Level::P99)),
@@ -311,9 +316,10 @@ impl Analysis {
 
     /// The findings, a sentence each.
     fn sentences(&self) -> Vec<String> {
+        let unit = self.measurand.unit();
         let mut sentences = vec![
             format!(
-                "{}: RMS residual {}° over whole runs, {} samples.",
+                "{}: RMS residual {}{unit} over whole runs, {} samples.",
                 self.model,
                 short(self.rmse_deg),
                 self.samples
@@ -336,7 +342,7 @@ impl Analysis {
         ));
         if let Some(it) = &self.distribution {
             sentences.push(format!(
-                "Mean {}°, standard deviation {}°, skewness {}, excess kurtosis {} (0 and 0 for normal errors).",
+                "Mean {}{unit}, standard deviation {}{unit}, skewness {}, excess kurtosis {} (0 and 0 for normal errors).",
                 short(it.mean_deg),
                 short(it.deviation_deg),
                 short(it.skewness),
@@ -353,7 +359,9 @@ impl Analysis {
         }
         text += &format!(
             "\n{:>10} {:>10} {:>14}\n",
-            "k (samples)", "s", "RMS error (°)"
+            "k (samples)",
+            "s",
+            self.measurand.with_unit("RMS error")
         );
         for ahead in &self.ahead {
             text += &format!(
@@ -377,7 +385,7 @@ impl Analysis {
         }
         if !self.ahead.is_empty() {
             figure = figure.with_panel(
-                Panel::new("time ahead (s)", "RMS error (°)")
+                Panel::new("time ahead (s)", self.measurand.with_unit("RMS error"))
                     .with_decades()
                     .with_title("Prediction error over the time ahead")
                     .with_series(Series::new(
@@ -404,26 +412,32 @@ impl Analysis {
         let [x, y] = steps(&it.centre_deg, &it.density);
         figure
             .with_panel(
-                Panel::new("residual (°)", "density (1/°)")
-                    .with_title("Histogram")
-                    .with_series(Series::new("residual", &x, &y, Style::AFTER))
-                    .with_series(Series::new(
-                        "normal",
-                        &it.centre_deg,
-                        &expected,
-                        Style::REFERENCE,
-                    )),
+                Panel::new(
+                    self.measurand.with_unit("residual"),
+                    format!("density (1/{})", self.measurand.symbol()),
+                )
+                .with_title("Histogram")
+                .with_series(Series::new("residual", &x, &y, Style::AFTER))
+                .with_series(Series::new(
+                    "normal",
+                    &it.centre_deg,
+                    &expected,
+                    Style::REFERENCE,
+                )),
             )
             .with_panel(
-                Panel::new("normal quantile", "quantile of the residual (°)")
-                    .with_title("Quantiles (QQ)")
-                    .with_series(Series::new("normal", &it.normal, &line, Style::REFERENCE))
-                    .with_series(Series::new(
-                        "residual",
-                        &it.normal,
-                        &it.quantile_deg,
-                        Style::new(Role::After, Mark::Points),
-                    )),
+                Panel::new(
+                    "normal quantile",
+                    self.measurand.with_unit("quantile of the residual"),
+                )
+                .with_title("Quantiles (QQ)")
+                .with_series(Series::new("normal", &it.normal, &line, Style::REFERENCE))
+                .with_series(Series::new(
+                    "residual",
+                    &it.normal,
+                    &it.quantile_deg,
+                    Style::new(Role::After, Mark::Points),
+                )),
             )
     }
 

@@ -155,10 +155,12 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         rmse_deg: None,
         start_from: args.start_from.map(|start| start.to_string()),
     };
+    let unit = recording.measurand.unit();
     let mut text = format!(
-        "{name}: {} samples over {:.2} s, angle from {:.2}° to {:.2}°\n",
+        "{name}: {} samples over {:.2} s, {} from {:.2}{unit} to {:.2}{unit}\n",
         recording.len(),
         recording.duration(),
+        recording.measurand.name(),
         // Adding zero turns −0 into 0.
         (100.0 * result.least_deg).round() / 100.0 + 0.0,
         result.largest_deg,
@@ -178,7 +180,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .map_or_else(String::new, |start| {
                 format!(" (start from {start}, nothing fitted to the rest)")
             });
-        text += &format!("RMS error against the recording: {rmse:.3}°{how}\n");
+        text += &format!("RMS error against the recording: {rmse:.3}{unit}{how}\n");
     }
     let shown = Shown {
         name,
@@ -276,7 +278,7 @@ impl Shown<'_> {
 
     fn figure(&self) -> Figure {
         let time = &self.recording.time;
-        let mut panel = Panel::new("", "angle (°)").with_weight(2.0);
+        let mut panel = Panel::new("", self.recording.measurand.label()).with_weight(2.0);
         for (label, curve, style) in [
             ("measured", &self.measured_deg, Style::MEASURED),
             ("set-point", &self.setpoint_deg, Style::REFERENCE),

@@ -13,6 +13,7 @@ mod diagnose;
 mod hostile;
 mod init;
 mod machines;
+mod measurand;
 mod models;
 mod outputs;
 mod own_simulation;

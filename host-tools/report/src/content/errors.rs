@@ -7,7 +7,7 @@ use softrig::diagnose::evidence::free_run::{TestRun, rms_of};
 use softrig::estimate::Segment;
 use softrig::estimate::start_from::StartFrom;
 use softrig::statistics::squares_about_mean;
-use softrig_formats::numbers::{degrees, fit, short};
+use softrig_formats::numbers::{fit, short};
 
 /// RMS errors in degrees.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -149,8 +149,8 @@ pub(super) fn notices(diagnosis: &Diagnosis) -> Vec<Notice> {
         about: None,
         text: format!(
             "the repeats differ by {} among themselves, more than the sensor's noise of {}",
-            degrees(spread),
-            degrees(floor.white)
+            diagnosis.shown(spread),
+            diagnosis.shown(floor.white)
         ),
         advice: "motion that the rig itself does not repeat counts as noise here".into(),
     });

@@ -6,15 +6,16 @@ use crate::shares::Explained;
 use softrig::diagnose::Diagnosis;
 use softrig::diagnose::decide::finding::are_the_same;
 use softrig::diagnose::evidence::measure::Closure;
-use softrig_formats::numbers::{degrees, percent, short};
+use softrig_formats::numbers::{percent, short};
 
 /// The share of the error beyond the noise that the repaired model explains at each
 /// horizon, and what remains.
 pub(super) fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
     let remaining = diagnosis.remaining();
-    let goes_with = remaining
-        .goes_with
-        .map_or_else(String::new, |feature| format!(" and go with the {feature}"));
+    let measurand = diagnosis.data.measurand();
+    let goes_with = remaining.goes_with.map_or_else(String::new, |feature| {
+        format!(" and go with the {}", measurand.named(&feature, "").0)
+    });
     let share = |share: f64| percent(share.max(0.0));
     let (what, alone) = named_alone(diagnosis).map_or_else(
         || ("it", String::new()),
@@ -34,7 +35,7 @@ pub(super) fn explained(diagnosis: &Diagnosis, closure: &Closure) -> String {
         share(closure.short),
         share(closure.medium),
         share(closure.full),
-        degrees(remaining.rmse_deg.to_radians()),
+        diagnosis.shown(remaining.rmse_deg.to_radians()),
         short(remaining.times_noise),
         left_over(diagnosis)
     )

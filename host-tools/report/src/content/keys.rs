@@ -10,7 +10,8 @@ use crate::shares::Explained;
 use softrig::diagnose::Diagnosis;
 use softrig::diagnose::decide::finding::Finding;
 use softrig::diagnose::recordings::noise::NoiseFloor;
-use softrig_formats::numbers::{degrees, percent, short};
+use softrig_formats::measurand::Measurand;
+use softrig_formats::numbers::{percent, short};
 
 /// A number with its label.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -34,8 +35,12 @@ pub(super) fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
     let held_out = &diagnosis.held_out;
     let noise = key(
         "noise floor",
-        degrees(held_out.floor),
-        noise_note(&diagnosis.floor, held_out.floor),
+        diagnosis.shown(held_out.floor),
+        noise_note(
+            &diagnosis.floor,
+            held_out.floor,
+            &diagnosis.data.measurand(),
+        ),
     );
     let [third, fourth] = match &diagnosis.finding {
         Finding::Quiet {
@@ -131,27 +136,28 @@ fn key(label: &str, value: String, note: impl Into<String>) -> Key {
 /// The error on validation runs, before and after.
 fn error_key(diagnosis: &Diagnosis) -> Key {
     let held_out = &diagnosis.held_out;
-    let from_to = |from: f64, to: f64| format!("{} → {}", short(from.to_degrees()), degrees(to));
+    let from_to =
+        |from: f64, to: f64| format!("{} → {}", short(from.to_degrees()), diagnosis.shown(to));
     let added = !diagnosis.repaired.added.is_empty();
     let (value, note) = match &diagnosis.finding {
         Finding::Quiet {
             refitted: false, ..
         } => (
-            degrees(held_out.nominal),
+            diagnosis.shown(held_out.nominal),
             "RMS of the model as supplied".into(),
         ),
         Finding::Named { .. } => (
             from_to(held_out.refit, held_out.repaired_on_board),
             format!(
                 "RMS, refitted → repaired; nominal {}",
-                degrees(held_out.nominal)
+                diagnosis.shown(held_out.nominal)
             ),
         ),
         finding if added && !finding.is_quiet() => (
             from_to(held_out.refit, held_out.repaired_on_board),
             format!(
                 "RMS, refitted → repaired without a name; nominal {}",
-                degrees(held_out.nominal)
+                diagnosis.shown(held_out.nominal)
             ),
         ),
         _ => (
@@ -189,10 +195,10 @@ fn probability_key(value: Option<f64>, note: &str) -> Key {
 }
 
 /// The sources of a noise floor of `shown` (rad).
-fn noise_note(floor: &NoiseFloor, shown: f64) -> String {
+fn noise_note(floor: &NoiseFloor, shown: f64, measurand: &Measurand) -> String {
     let source = floor.source();
     if 3.0 * floor.input > shown {
-        let input = degrees(floor.input);
+        let input = measurand.value(floor.input);
         format!("{source}, and the {input} that noise of the pressure leaves")
     } else {
         source.to_owned()
@@ -215,7 +221,10 @@ mod tests {
             input: 0.001,
             groups: Vec::new(),
         };
-        assert_eq!(noise_note(&floor, 0.02), "noise at rest");
+        assert_eq!(
+            noise_note(&floor, 0.02, &Measurand::default()),
+            "noise at rest"
+        );
         let floor = NoiseFloor {
             repeats: Some(0.03),
             rms: 0.03,
@@ -223,7 +232,7 @@ mod tests {
             ..floor
         };
         assert_eq!(
-            noise_note(&floor, 0.036),
+            noise_note(&floor, 0.036, &Measurand::default()),
             "spread between repeats, and the 1.15° that noise of the pressure leaves"
         );
     }

@@ -51,11 +51,13 @@ pub(super) fn methods(
         text += &format!(", with probability {}", probability(least));
     }
     text += &format!(": “{sentence}”");
-    text += " RMS errors of the angle";
+    let measurand = diagnosis.data.measurand();
+    let unit = measurand.unit();
+    text += &format!(" RMS errors of the {}", measurand.name());
     for (place, row) in errors.iter().enumerate() {
         let separator = if place == 0 { ": " } else { "; " };
         text += &format!(
-            "{separator}{} ({}) {}° as supplied, {}° refitted, {}° with what was added, noise {}°",
+            "{separator}{} ({}) {}{unit} as supplied, {}{unit} refitted, {}{unit} with what was added, noise {}{unit}",
             row.name, row.runs, row.nominal, row.refit, row.repaired, row.floor
         );
     }

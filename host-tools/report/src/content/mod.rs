@@ -24,7 +24,6 @@ pub use sentences::sentence;
 pub use tried::{Standing, TriedGroup, TriedRow, Untried};
 
 use softrig::diagnose::decide::verdict::Answer;
-use softrig::diagnose::score::steps::StepGap;
 use softrig::diagnose::work::budget::Ended;
 use softrig::diagnose::{Diagnosis, Request, Upload};
 use softrig::prediction::StandIn;
@@ -46,6 +45,10 @@ pub struct Content {
     pub notices: Vec<Notice>,
     /// What was left out of the files, or changed in them, as sentences.
     pub left_out: Vec<String>,
+    /// Name of the output, such as `angle`.
+    pub output: String,
+    /// Symbol of its unit, such as `°`.
+    pub unit: &'static str,
     /// Errors on fitted runs and on validation runs.
     pub errors: Vec<ErrorRow>,
     /// How the test runs were started, as a sentence.
@@ -124,6 +127,7 @@ impl Content {
         let repaired = !diagnosis.repaired.added.is_empty();
         let upload = diagnosis.upload(request.file);
         let said = sentence(diagnosis);
+        let measurand = diagnosis.data.measurand();
         let errors = errors::errors(diagnosis);
         let tried = tried::tried(diagnosis);
         Self {
@@ -135,6 +139,8 @@ impl Content {
             keys: keys::keys(diagnosis),
             notices: errors::notices(diagnosis),
             left_out: diagnosis.not_used.iter().map(ToString::to_string).collect(),
+            output: measurand.name().to_owned(),
+            unit: measurand.symbol(),
             errors,
             tested: errors::tested(diagnosis),
             repaired,
@@ -148,10 +154,14 @@ impl Content {
                 .map(|closure| explained::explained(diagnosis, &closure)),
             effects: parameters::effects(diagnosis),
             base: parameters::base(request, diagnosis),
-            zeros: diagnosis.zeros().to_string(),
+            zeros: diagnosis.zeros().sentence(&measurand),
             undetermined: diagnosis.identifiability[0].text.clone(),
             gap: diagnosis.gap.sentences.clone(),
-            steps: diagnosis.steps.iter().map(StepGap::clause).collect(),
+            steps: diagnosis
+                .steps
+                .iter()
+                .map(|gap| gap.clause(&measurand))
+                .collect(),
             tried,
             untried: tried::untried(diagnosis),
             next: rivals::next(request, diagnosis),

@@ -8,7 +8,6 @@ use super::words::{listed, with_capital};
 use softrig::diagnose::Diagnosis;
 use softrig::diagnose::decide::finding::Finding;
 use softrig::diagnose::search::selection::FittedStructure;
-use softrig_formats::numbers::degrees;
 
 /// Sentences about what these recordings leave open.
 pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
@@ -21,7 +20,7 @@ pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
         Finding::Quiet { .. } => open.push(format!(
             "An effect that moves the angle by less than the noise of {} does not show in these \
              runs; nor does one that they do not excite, such as creep in short runs.",
-            degrees(diagnosis.held_out.floor)
+            diagnosis.shown(diagnosis.held_out.floor)
         )),
         Finding::Noisy => open.push(
             "Whether something is missing: record with less noise, or larger motions.".into(),

@@ -13,7 +13,7 @@ use softrig::diagnose::search::selection::{FittedStructure, RIVALS_PLANNED};
 use softrig::diagnose::work::budget::SearchPart;
 use softrig::diagnose::work::policy::Policy;
 use softrig_formats::family::Family;
-use softrig_formats::numbers::{degrees, percent};
+use softrig_formats::numbers::percent;
 use softrig_formats::own_effects::with_numbers;
 
 /// The verdict in one sentence.
@@ -42,8 +42,8 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             immaterial: true, ..
         } => format!(
             "Nothing that matters is missing: {} remain unexplained, less than {}.",
-            degrees(diagnosis.beyond_noise()),
-            degrees(diagnosis.tolerance)
+            diagnosis.shown(diagnosis.beyond_noise()),
+            diagnosis.shown(diagnosis.tolerance)
         ),
         Finding::Quiet {
             refitted: false, ..
@@ -171,7 +171,7 @@ fn term(diagnosis: &Diagnosis) -> Option<Custom<f64>> {
 /// The noise floor, and what it rests on.
 fn noise(diagnosis: &Diagnosis) -> String {
     let floor = &diagnosis.floor;
-    format!("{} ({})", degrees(floor.rms), floor.source())
+    format!("{} ({})", diagnosis.shown(floor.rms), floor.source())
 }
 
 /// Adds to a name how much it explains, if not all.
@@ -191,7 +191,7 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
         held_out.repaired_on_board,
         held_out.floor,
     ]
-    .map(degrees);
+    .map(|error| diagnosis.shown(error));
     match &diagnosis.finding {
         Finding::Quiet {
             immaterial: true, ..
@@ -199,7 +199,7 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
             "On validation runs, the model as supplied leaves {nominal} and the refitted one \
              {refit}, where noise alone leaves {floor}. No effect that was tried explains the \
              rest, and it is below {}, what may remain (--tolerance).",
-            degrees(diagnosis.tolerance)
+            diagnosis.shown(diagnosis.tolerance)
         ),
         Finding::Quiet {
             refitted: false, ..

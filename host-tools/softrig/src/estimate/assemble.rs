@@ -341,6 +341,7 @@ fn header(recording: &Recording) -> Recording {
         path: recording.path.clone(),
         meta: recording.meta.clone(),
         columns: recording.columns,
+        measurand: recording.measurand.clone(),
         ..Recording::default()
     }
 }

@@ -20,6 +20,7 @@ use crate::sim::simulate::{
     Grain, InitialState, Origin, Signal, Stepping, Trajectory, run_as_it_is, run_from,
 };
 use crate::statistics::swing;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::KnownRange;
 use softrig_formats::recording::Recording;
 use softrig_formats::setup::{NewPart, Setup};
@@ -130,6 +131,7 @@ impl Session {
             name: self.recording.name.clone(),
             meta: self.recording.meta.clone(),
             columns: self.recording.columns,
+            measurand: self.recording.measurand.clone(),
             ..Recording::default()
         };
         Self {
@@ -522,6 +524,19 @@ impl Dataset {
             .zip(&self.fitted)
             .filter(move |(_, is)| **is == fitted)
             .map(|(segment, _)| segment.as_ref())
+    }
+
+    /// What the output is, as results show it: that of the first session.
+    pub fn measurand(&self) -> Measurand {
+        let first = self.sessions.first();
+        first.map_or_else(Measurand::default, |it| it.recording.measurand.clone())
+    }
+
+    /// When time 0 of a segment was (s since 1970, UTC), if that is known: it is that of its
+    /// session, of which the file may be another than that of the segment.
+    pub fn zero_unix_s(&self, segment: &Segment) -> Option<f64> {
+        let session = self.sessions.get(segment.session)?;
+        session.recording.zero_unix_s()
     }
 
     /// Copies of the recordings of the segments that are fitted, or of those

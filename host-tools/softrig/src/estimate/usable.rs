@@ -343,14 +343,16 @@ fn after_reset(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
         Matter::Reset,
         Some(recording),
         format!(
-            "the first {} far from those that follow, in pressure ({:.1} kPa) and in angle ({:.1}°), as after a reset of the board; left out",
+            "the first {} far from those that follow, in pressure ({:.1} kPa) and in {} ({:.1}{}), as after a reset of the board; left out",
             if count == 1 {
                 "sample is".to_owned()
             } else {
                 format!("{count} samples are")
             },
             recording.pressure[0] / PASCAL_PER_KPA,
-            recording.angle[0].to_degrees()
+            recording.measurand.name(),
+            recording.angle[0].to_degrees(),
+            recording.measurand.unit()
         ),
         "record with the present firmware, or delete those rows",
     ));
@@ -693,9 +695,10 @@ fn beyond_table(recording: &Recording, concerns: &mut Vec<Concern>) -> Vec<Range
             Matter::SaturatedAngle,
             Some(recording),
             format!(
-                "{} of {} samples lie beyond the angle sensor's table ({low:.0} to {high:.0}°) and are not fitted",
+                "{} of {} samples lie beyond the angle sensor's table ({low:.0} to {high:.0}{}) and are not fitted",
                 count(&beyond),
-                recording.len()
+                recording.len(),
+                recording.measurand.unit()
             ),
             "calibrate the sensor over the whole motion",
         ));

@@ -28,6 +28,7 @@ use crate::estimate::identify::{
 use crate::estimate::smooth::motions;
 use crate::statistics::squares_about_mean;
 use softrig_formats::error::InputError;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::to_file_units;
 use softrig_formats::recording::Recording;
 
@@ -102,6 +103,8 @@ pub struct Geometry {
 /// How well a model follows the recordings that it was fitted to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
+    /// What the output is.
+    pub measurand: Measurand,
     /// RMS error (rad).
     pub rms: f64,
     /// RMS of the angle about its mean (rad): what a model leaves that knows nothing.
@@ -312,6 +315,7 @@ pub fn from_recordings(
         model: fit.model,
         origins,
         evidence: Some(Evidence {
+            measurand: data.measurand(),
             rms: fit.rmse(),
             about_mean: about_mean(data),
             levels: statics::distinct(&levels),

@@ -197,8 +197,9 @@ fn fitted_to(evidence: &Evidence, recordings: &[impl AsRef<Path>]) -> String {
     } else {
         ""
     };
+    let unit = evidence.measurand.unit();
     format!(
-        "Fitted to {part}{of}: {} samples, RMS error {}°, of {}° about the mean.",
+        "Fitted to {part}{of}: {} samples, RMS error {}{unit}, of {}{unit} about the mean.",
         evidence.samples,
         four_digits(evidence.rms.to_degrees()),
         four_digits(evidence.about_mean.to_degrees())

@@ -1,6 +1,5 @@
 //! The verdict as data: what `--json` writes, and its schema.
 
-use std::fmt;
 use std::path::Path;
 
 use schemars::JsonSchema;
@@ -14,6 +13,7 @@ use crate::prediction::StandIn;
 use softrig_formats::bounded::read_text;
 use softrig_formats::error::InputError;
 use softrig_formats::left_out::LeftOut;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::numbers::tidy;
 use softrig_formats::recording::PASCAL_PER_KPA;
 use softrig_formats::settings_file::Zeros as BoardZeros;
@@ -366,8 +366,9 @@ pub fn zeros_in(text: &str, path: &Path) -> Result<BoardZeros, InputError> {
 }
 
 /// One line: the zeros of one session, or the range over several. Empty if there are none.
-impl fmt::Display for Zeros {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Zeros {
+    /// A sentence about them; empty where there are none.
+    pub fn sentence(&self, measurand: &Measurand) -> String {
         let range = |values: &[f64], unit: &str| {
             let low = values.iter().copied().fold(f64::INFINITY, f64::min);
             let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -378,15 +379,15 @@ impl fmt::Display for Zeros {
             }
         };
         let of = match self.angle_zero_deg.len() {
-            0 => return Ok(()),
+            0 => return String::new(),
             1 => String::new(),
             count => format!(" of {count} sessions"),
         };
-        write!(
-            f,
-            "Zeros{of}, estimated with the model: pressure {}, angle {}.",
+        format!(
+            "Zeros{of}, estimated with the model: pressure {}, {} {}.",
             range(&self.pressure_zero_kpa, " kPa"),
-            range(&self.angle_zero_deg, "°")
+            measurand.name(),
+            range(&self.angle_zero_deg, measurand.unit())
         )
     }
 }

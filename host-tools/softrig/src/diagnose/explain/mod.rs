@@ -128,6 +128,12 @@ impl Validations {
 }
 
 impl Diagnosis {
+    /// A value of the output (rad) with its unit: `0.52°`, or `0.52 mm` where that is what the
+    /// column holds.
+    pub fn shown(&self, radians: f64) -> String {
+        self.data.measurand().value(radians)
+    }
+
     /// The nominal, the refitted and the repaired model over test recordings, whose angle at rest
     /// (rad) is subtracted as from those that were fitted.
     pub(super) fn tested(

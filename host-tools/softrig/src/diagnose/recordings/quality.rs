@@ -37,7 +37,11 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
             concerns.push(Concern::of(
                 Matter::NoMotion,
                 Some(recording),
-                format!("the angle does not move: {}", angles(recording)),
+                format!(
+                    "the {} does not move: {}",
+                    recording.measurand.name(),
+                    angles(recording)
+                ),
                 "keep it if so little pressure moves nothing; otherwise check the angle sensor",
             ));
         }
@@ -81,8 +85,9 @@ pub fn examine(recordings: &[Recording], floor: &NoiseFloor) -> Result<Vec<Conce
 /// The range of a recording's angle (°), in words.
 fn angles(recording: &Recording) -> String {
     let angles = || recording.angle.iter().copied();
+    let unit = recording.measurand.unit();
     format!(
-        "{} samples between {:.2}° and {:.2}°",
+        "{} samples between {:.2}{unit} and {:.2}{unit}",
         recording.len(),
         angles().fold(f64::INFINITY, f64::min).to_degrees(),
         angles().fold(f64::NEG_INFINITY, f64::max).to_degrees()

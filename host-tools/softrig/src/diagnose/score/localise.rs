@@ -17,6 +17,7 @@ use crate::estimate::filter::Pace;
 use crate::estimate::smooth::noise_of;
 use crate::estimate::{Dataset, Nuisance};
 use crate::statistics::{mean, noise, rms};
+use softrig_formats::measurand::Measurand;
 use softrig_formats::numbers::{percent, short};
 use softrig_formats::recording::Recording;
 use softrig_formats::removed::Channel;
@@ -97,6 +98,8 @@ pub struct Gap {
     pub rms: f64,
     /// The largest force of the model in these runs (N).
     pub known: f64,
+    /// What the output is.
+    pub measurand: Measurand,
 }
 
 /// One sample of the motion with the missing force.
@@ -163,7 +166,8 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
     };
     let forces: Vec<f64> = samples.iter().map(|sample| sample.force).collect();
     let features = features(&samples, &forces);
-    let sentences = sentences(&features, rms(&forces), known);
+    let measurand = data.measurand();
+    let sentences = sentences(&features, rms(&forces), known, &measurand);
     Gap {
         sentences,
         maps: [map(&samples, [ANGLE, RATE]), map(&samples, [over, IN_RUN])],
@@ -171,6 +175,7 @@ pub fn localise(model: &Model<f64>, data: &Dataset, nuisances: &[Nuisance], nois
         known,
         features,
         runs,
+        measurand,
     }
 }
 
@@ -278,12 +283,13 @@ fn curve(samples: &[Sample], column: usize) -> Vec<CurvePoint> {
 }
 
 /// Two or three sentences about the missing force.
-fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
+fn sentences(features: &[Feature], missing: f64, known: f64, measurand: &Measurand) -> Vec<String> {
     /// Least share of a second feature that is mentioned.
     const WORTH_SAYING: f64 = 0.3;
     let Some(first) = features.first() else {
         return Vec::new();
     };
+    let name = |feature: &Feature| measurand.named(feature.name, feature.unit).0;
     let mut sentences = vec![format!(
         "The model lacks a force of {} N RMS, {} of the largest that it knows.",
         short(missing),
@@ -292,7 +298,7 @@ fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
     if first.share < WORTH_SAYING {
         sentences.push(format!(
             "It goes with nothing in particular: the {} explains {} of it, everything else less.",
-            first.name,
+            name(first),
             percent(first.share)
         ));
         return sentences;
@@ -300,8 +306,8 @@ fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
     sentences.push(format!(
         "{} of it goes with the {}: {}.",
         percent(first.share),
-        first.name,
-        shape(first)
+        name(first),
+        shape(first, measurand)
     ));
     if let Some(second) = features
         .get(1)
@@ -309,7 +315,7 @@ fn sentences(features: &[Feature], missing: f64, known: f64) -> Vec<String> {
     {
         sentences.push(format!(
             "The {} explains {} as well, so these runs do not quite separate the two.",
-            second.name,
+            name(second),
             percent(second.share)
         ));
     }
@@ -322,22 +328,24 @@ fn related(a: &str, b: &str) -> bool {
 }
 
 /// The shape of a curve in words.
-fn shape(feature: &Feature) -> String {
+fn shape(feature: &Feature, measurand: &Measurand) -> String {
     let curve = &feature.curve;
     let (Some(first), Some(last)) = (curve.first(), curve.last()) else {
         return String::new();
     };
+    let (_, unit) = measurand.named(feature.name, feature.unit);
     let with_unit = |value: f64| {
-        if feature.unit == "°" {
+        if unit == "°" {
             format!("{}°", short(value))
         } else {
-            format!("{} {}", short(value), feature.unit)
+            format!("{} {unit}", short(value))
         }
     };
     if feature.name == NAMES[SIGN].0 {
         return format!(
-            "{} N while the angle falls, {} N while it grows",
+            "{} N while the {} falls, {} N while it grows",
             short(first.force),
+            measurand.name(),
             short(last.force)
         );
     }

@@ -10,6 +10,7 @@ use crate::diagnose::score::localise::edges;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
 use crate::statistics::{mean, median, swing};
+use softrig_formats::measurand::Measurand;
 use softrig_formats::numbers::short;
 
 /// A feature of a response to a step of the pressure.
@@ -56,12 +57,12 @@ impl StepFeature {
         }
     }
 
-    const fn unit(self) -> &'static str {
+    fn unit(self, measurand: &Measurand) -> String {
         match self {
-            Self::Rest | Self::Return => "°",
-            Self::Rise | Self::Period => " s",
-            Self::Overshoot | Self::Decay => " %",
-            Self::Drift => "°/s",
+            Self::Rest | Self::Return => measurand.unit().to_owned(),
+            Self::Rise | Self::Period => " s".to_owned(),
+            Self::Overshoot | Self::Decay => " %".to_owned(),
+            Self::Drift => format!("{}/s", measurand.unit()),
         }
     }
 
@@ -108,8 +109,8 @@ pub struct StepGap {
 
 impl StepGap {
     /// A clause: what is simulated for what was measured, in how many steps, and what it accuses.
-    pub fn clause(&self) -> String {
-        let unit = self.feature.unit();
+    pub fn clause(&self, measurand: &Measurand) -> String {
+        let unit = self.feature.unit(measurand);
         format!(
             "{} is {}{unit} where {}{unit} were measured (in {} of {} steps), which points to {}",
             self.feature.title(),

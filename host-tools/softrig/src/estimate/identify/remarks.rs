@@ -110,10 +110,16 @@ pub fn far_zeros(fit: &Fit, data: &Dataset) -> Vec<Concern> {
     /// Standard deviations of a zero that are still a zero: one in twenty is farther.
     const NEAR: f64 = 2.0;
     /// Name, unit, size of that unit, and the zero.
-    type Sensor = (&'static str, &'static str, f64, fn(&Nuisance) -> f64);
-    let sensors: [Sensor; 2] = [
+    type Sensor<'a> = (&'a str, &'a str, f64, fn(&Nuisance) -> f64);
+    let measurand = data.measurand();
+    let sensors: [Sensor<'_>; 2] = [
         ("pressure", " kPa", PASCAL_PER_KPA, |it| it.pressure_zero),
-        ("angle", "°", 1f64.to_radians(), |it| it.angle_zero),
+        (
+            measurand.name(),
+            measurand.unit(),
+            1f64.to_radians(),
+            |it| it.angle_zero,
+        ),
     ];
     ZEROS
         .zip(sensors)
