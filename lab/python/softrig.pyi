@@ -86,7 +86,21 @@ class _Units(TypedDict, total=False):
 
     time: Literal["s", "ms", "us", "ns", "min", "day"] | str
     pressure: Literal["kpa", "psi", "bar", "mbar", "mpa", "pa", "mmhg"] | str
-    angle: Literal["deg", "rad"] | str
+    angle: Literal["deg", "rad", "mm", "cm", "um", "mv"] | str
+
+class _Look(TypedDict, total=False):
+    """How a picture looks that is written to a file, like the flags of ``softrig``."""
+
+    width: str | None
+    """Its width: ``"89mm"``, ``"3.5in"``, ``"252pt"`` or ``"800px"``."""
+    font_size: float | None
+    """Size of its labels in points."""
+    headline: bool | None
+    """Whether it has a heading; a PDF has none unless asked for."""
+    panels: str | Sequence[str | int] | None
+    """Only these panels: numbers from the top left, or words of their headings and labels."""
+    colours: Literal["screen", "print"] | None
+    """Colours of the screen, or of print, which differ in grey too."""
 
 class _Meaning(TypedDict, total=False):
     """Units and meaning of columns that are not in s, kPa (gauge) and °, like the flags of
@@ -127,11 +141,11 @@ class Recording:
         pressure_kpa: str = "pressure_kpa",
         angle_deg: str = "angle_deg",
         name: str = "recording",
-        metadata: Mapping[str, Any] | None = None,
+        metadata: Mapping[Any, Any] | None = None,
         **meaning: Unpack[_Meaning],
     ) -> Recording:
         """Makes a recording from a frame. The names of its columns can be given; the time may
-        be its index. Other columns are kept."""
+        be its index. Other columns are kept; dates in ``time_utc`` say when it began."""
 
     @property
     def time_s(self) -> _Array: ...
@@ -154,7 +168,8 @@ class Recording:
     @property
     def duration_s(self) -> float: ...
     def to_pandas(self) -> pd.DataFrame:
-        """All columns as a frame."""
+        """All columns as a frame, with the metadata as its ``attrs``. The column ``time_utc`` has
+        the date of each sample where it is known when the recording began."""
 
     def __copy__(self) -> Recording: ...
     def __deepcopy__(self, _memo: Any) -> Recording: ...
@@ -242,6 +257,8 @@ class Model:
     def exponent(self) -> float: ...
     @property
     def input_gain_n_per_kpa(self) -> float: ...
+    def __copy__(self) -> Model: ...
+    def __deepcopy__(self, _memo: Any) -> Model: ...
 
 @final
 class Simulation:
@@ -268,6 +285,8 @@ class Simulation:
         """RMS error against the recording; None without one."""
 
     def to_pandas(self) -> pd.DataFrame: ...
+    def __copy__(self) -> Simulation: ...
+    def __deepcopy__(self, _memo: Any) -> Simulation: ...
     def __len__(self) -> int: ...
 
 def simulate(
@@ -310,11 +329,16 @@ def gap(before: _Recordings, after: _Recordings | None = None) -> _Gap:
     ``softrig gap --json`` writes."""
 
 def compare(
-    models: Model | Iterable[Model], recordings: _Recordings, *, linear: bool = False
+    models: Model | Iterable[Model] | None,
+    recordings: _Recordings,
+    *,
+    linear: bool = False,
+    prediction: str | None = None,
 ) -> pd.DataFrame:
     """The RMS error of each model against the mean of the repeats to each set-point, with the
     columns that ``softrig compare -o`` writes. ``linear`` adds the paper's linear rival of the first
-    model, refitted."""
+    model, refitted. ``prediction`` adds a simulation of your own, whose angles are in that column
+    of the recordings: ``"theta_sim"``, or ``"theta_sim:rad"``. Then ``models`` may be None."""
 
 @final
 class Parameter:
@@ -329,6 +353,9 @@ class Parameter:
     @property
     def interval95(self) -> tuple[float, float] | None:
         """The ends of the 95 % interval; None if the recordings do not determine it."""
+
+    def __copy__(self) -> Parameter: ...
+    def __deepcopy__(self, _memo: Any) -> Parameter: ...
 
 @final
 class FitRun:
@@ -355,6 +382,8 @@ class FitRun:
     @property
     def rmse_deg(self) -> float: ...
     def to_pandas(self) -> pd.DataFrame: ...
+    def __copy__(self) -> FitRun: ...
+    def __deepcopy__(self, _memo: Any) -> FitRun: ...
 
 @final
 class Fit:
@@ -382,8 +411,17 @@ class Fit:
 
     @property
     def runs(self) -> list[FitRun]: ...
-    def plot(self) -> NDArray[Any]:
-        """Draws measured and simulated angles on matplotlib's axes, an array with one a run."""
+    @overload
+    def plot(
+        self, path: None = None, *, runs: str | Sequence[str] | None = None, **look: Unpack[_Look]
+    ) -> NDArray[Any]: ...
+    @overload
+    def plot(
+        self, path: _Path, *, runs: str | Sequence[str] | None = None, **look: Unpack[_Look]
+    ) -> None:
+        """Draws measured and simulated angles: with a path as a picture, SVG, PDF or PNG by its
+        extension, without one on matplotlib's axes, an array with one a run. ``runs`` are the
+        names of those to draw."""
 
     def __copy__(self) -> Fit: ...
     def __deepcopy__(self, _memo: Any) -> Fit: ...
@@ -428,6 +466,9 @@ class Progress:
     @property
     def best(self) -> str | None:
         """The best explanation so far; None if there is none."""
+
+    def __copy__(self) -> Progress: ...
+    def __deepcopy__(self, _memo: Any) -> Progress: ...
 
 _Answer: TypeAlias = Literal[
     "effect_found", "parameters_only", "no_discrepancy", "cannot_tell", "unexplained"
@@ -623,6 +664,8 @@ class Run:
         end of its range are not."""
 
     def to_pandas(self) -> pd.DataFrame: ...
+    def __copy__(self) -> Run: ...
+    def __deepcopy__(self, _memo: Any) -> Run: ...
 
 @final
 class Diagnosis:
@@ -649,7 +692,8 @@ class Diagnosis:
 
     @property
     def model(self) -> Model:
-        """The model to go on with: repaired, refitted, or nominal."""
+        """The model to go on with: repaired, refitted, or nominal. An AttributeError where the
+        diagnosis is about a ``prediction``, of which there is no model."""
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -658,20 +702,17 @@ class Diagnosis:
     def report(self, path: _Path) -> None:
         """Writes the report: one HTML page that needs no network."""
 
+    @overload
     def plot(
-        self,
-        path: _Path | None = None,
-        *,
-        width: str | None = None,
-        font_size: float | None = None,
-        headline: bool | None = None,
-        panels: Sequence[str] | None = None,
-        runs: Sequence[str] | None = None,
-        colours: str | None = None,
-    ) -> NDArray[Any] | None:
+        self, path: None = None, *, runs: str | Sequence[str] | None = None, **look: Unpack[_Look]
+    ) -> NDArray[Any]: ...
+    @overload
+    def plot(
+        self, path: _Path, *, runs: str | Sequence[str] | None = None, **look: Unpack[_Look]
+    ) -> None:
         """Draws measured, before and after: with a path as the picture of ``softrig diagnose
         --plot``, as SVG, PDF or PNG by its extension, without one on matplotlib's axes, an array
-        with one a run."""
+        with one a run. ``runs`` are the names of those to draw."""
 
     def __copy__(self) -> Diagnosis: ...
     def __deepcopy__(self, _memo: Any) -> Diagnosis: ...
@@ -689,6 +730,7 @@ def diagnose(
     threads: int | None = None,
     resume: _Path | None = None,
     budget_s: float | None = None,
+    prediction: str | None = None,
 ) -> Diagnosis:
     """Diagnoses a model against recordings: which effect does it lack?
 
@@ -697,7 +739,9 @@ def diagnose(
     that an interrupted diagnosis can go on. ``effects`` is a file of your own effects by
     formula, which are tried beside the catalogue. Where no effect is enough, formulas are tried
     that nobody wrote, unless ``formulas`` is False. After ``budget_s`` seconds the search ends
-    with an answer from what was tried until then."""
+    with an answer from what was tried until then. With ``prediction``, a column of the recordings
+    with the angles of a simulation of your own (``"theta_sim"``, or ``"theta_sim:rad"``), the
+    answer is what that lacks; the model, fitted to these angles, stands in for it."""
 
 class _Row(TypedDict):
     """A row of ``results.parquet``; None where a case has no such value."""
@@ -749,6 +793,8 @@ class Batch:
     def to_pandas(self) -> pd.DataFrame:
         """The rows as a frame."""
 
+    def __copy__(self) -> Batch: ...
+    def __deepcopy__(self, _memo: Any) -> Batch: ...
     def __len__(self) -> int: ...
 
 def batch(
@@ -793,15 +839,21 @@ class Example:
         """Writes model.toml, truth.toml and recordings/ into a folder, as ``softrig example``
         does."""
 
+    def __copy__(self) -> Example: ...
+    def __deepcopy__(self, _memo: Any) -> Example: ...
+
 def example(seed: int = 1, *, effect: str | None = None, noise_deg: float = 0.4) -> Example:
     """Simulates recordings of an actuator with a hidden effect.
 
     The seed decides the actuator, the noise and the hidden effect, unless one is named;
     "none" hides no effect, only wrong parameters."""
 
-def residuals(model: Model, recordings: _Recordings) -> dict[str, Any]:
+def residuals(
+    model: Model | None, recordings: _Recordings, *, prediction: str | None = None
+) -> dict[str, Any]:
     """What a model leaves of recordings: correlations, prediction error over the time ahead,
-    and distribution, as ``softrig residuals --json`` writes them."""
+    and distribution, as ``softrig residuals --json`` writes them. With ``prediction``, and None
+    for the model, what a simulation of your own leaves, whose angles are in that column."""
 
 def linearise(
     model: Model, *, at_deg: float | None = None, at_kpa: float | None = None

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use library::diagnose::Job;
 use library::estimate::assemble::assemble;
 use library::first_model::from_recordings;
+use library::prediction::Prediction;
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -19,7 +20,7 @@ use softrig_formats::recording::PASCAL_PER_KPA;
 
 use crate::fault::{OrRaise, warn};
 use crate::model::Model;
-use crate::recording::{inputs, recordings};
+use crate::recording::{inputs, predicted, recordings};
 use crate::values::from_json;
 use crate::work::{self, Listener};
 
@@ -30,17 +31,39 @@ fn said<'py>(py: Python<'py>, result: &impl Serialize) -> PyResult<Bound<'py, Py
     from_json(py, &value)
 }
 
+/// What simulates.
+enum Simulated {
+    /// A model.
+    By(Arc<ModelFile>),
+    /// Something that is known by a column of its angles.
+    In(Prediction),
+}
+
 /// What a model leaves of recordings: correlations, prediction error over the time ahead, and
-/// distribution, as `softrig residuals --json` writes them.
+/// distribution, as `softrig residuals --json` writes them. With `prediction`, and None for the
+/// model, what a simulation of your own leaves, whose angles are in that column.
 #[pyfunction]
+#[pyo3(signature = (model, recordings, *, prediction = None))]
 pub fn residuals<'py>(
     py: Python<'py>,
-    model: &Bound<'py, Model>,
+    model: Option<&Bound<'py, Model>>,
     recordings: &Bound<'py, PyAny>,
+    prediction: Option<&str>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let [used, _] = inputs(py, &self::recordings(recordings)?, &[])?;
-    let file = Arc::clone(&model.get().file);
-    let work = move |_: &Job| Analysis::of(&file, &used);
+    let of = match (model, prediction) {
+        (Some(model), None) => Simulated::By(Arc::clone(&model.get().file)),
+        (None, Some(column)) => Simulated::In(predicted(column).or_raise(py)?),
+        _ => {
+            return Err(PyTypeError::new_err(
+                "give a model, or None and prediction, the column of a simulation of your own",
+            ));
+        }
+    };
+    let work = move |_: &Job| match &of {
+        Simulated::By(file) => Analysis::of(file, &used),
+        Simulated::In(column) => Analysis::of_prediction(column, &used),
+    };
     let (job, listener) = (Job::default(), Listener::new(None));
     let (analysis, warnings) = work::run(py, None, job, listener, work)?.or_raise(py)?;
     warn(py, warnings)?;

@@ -4,6 +4,8 @@ use pyo3::exceptions::PyImportError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
+use softrig_formats::measurand::Measurand;
+
 use crate::values::array;
 
 /// A run with its angles (°) over time (s): measured, of the model as it was given, and of the one
@@ -21,6 +23,7 @@ pub fn drawn<'py>(
     py: Python<'py>,
     runs: &[Curves<'_>],
     after: &str,
+    measurand: &Measurand,
 ) -> PyResult<Bound<'py, PyAny>> {
     /// Inches of a run.
     const SIZE: [f64; 2] = [8.0, 2.4];
@@ -51,7 +54,7 @@ pub fn drawn<'py>(
         }
         let left = [("loc", "left")].into_py_dict(py)?;
         one.call_method("set_title", (run.name,), Some(&left))?;
-        one.call_method1("set_ylabel", ("angle (°)",))?;
+        one.call_method1("set_ylabel", (measurand.label(),))?;
         if place == 0 {
             one.call_method0("legend")?;
         }

@@ -19,6 +19,7 @@ use softrig_formats::own_effects::OwnEffects;
 use crate::diagnosis::budget;
 use crate::fault::{OrRaise, raised, warn};
 use crate::frame;
+use crate::kept;
 use crate::recording::{is_path, layout_of};
 use crate::values::array;
 use crate::work::{self, Listener};
@@ -86,6 +87,23 @@ impl Batch {
             }
         }
         frame::of(py, &frame)
+    }
+
+    /// Refuses to be pickled: the results are in files.
+    fn __reduce__(&self) -> PyResult<()> {
+        let table = table(&self.out);
+        let keep = format!(".rows, which are dictionaries, or read {}", table.display());
+        Err(kept::refused("Batch", "its results are in files", &keep))
+    }
+
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __len__(&self) -> usize {

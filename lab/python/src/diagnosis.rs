@@ -2,29 +2,29 @@
 
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use library::diagnose::decide::verdict::{Verdict, schema};
 use library::diagnose::{Budget, Diagnosis as Found, Job, Request, diagnose_from};
 use library::estimate::checkpoint::Checkpoint;
 use library::estimate::placement::with_tip_load;
+use library::prediction::{Prediction, StandIn};
 use minijinja::value::Serde;
 use minijinja::{Environment, context};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyAttributeError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 use softrig_cli::cli::output::{self, FileKind, Output};
 use softrig_formats::error::{InputError as Fault, write_atomically};
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::recording;
 use softrig_report::Outputs;
 use softrig_report::content::Content;
 use softrig_report::html::page;
-use softrig_report::pictures::{figure, figure_of_runs};
-use softrig_report::plot::{Look, write};
+use softrig_report::pictures::{figure, figure_of_runs, named};
 use softrig_report::provenance::{EFFECTS, FITTED, HELD_OUT, Provenance, Source, today};
 use softrig_report::runs::runs;
 use softrig_report::terminal::{KEEP, summary};
@@ -32,9 +32,11 @@ use softrig_report::terminal::{KEEP, summary};
 use crate::axes::{self, Curves};
 use crate::fault::OrRaise;
 use crate::fault::warn;
-use crate::frame::frame;
+use crate::frame::{Rows, frame};
+use crate::kept;
+use crate::look::{self, words};
 use crate::model::Model;
-use crate::recording::{Recording, inputs, recordings};
+use crate::recording::{Recording, inputs, predicted, recordings};
 use crate::values::{Array, array, object};
 use crate::work::{self, Listener};
 
@@ -48,10 +50,8 @@ const KEEP_HERE: &str =
 /// What a diagnosis found.
 #[pyclass(frozen, module = "softrig")]
 pub struct Diagnosis {
-    /// The model to go on with.
-    #[pyo3(get)]
     model: Py<Model>,
-    file: Arc<ModelFile>,
+    file: ModelFile,
     fitted: Vec<recording::Recording>,
     held_out: Vec<recording::Recording>,
     own: Option<OwnEffects>,
@@ -62,10 +62,26 @@ pub struct Diagnosis {
     content: Content,
     found: Box<Found>,
     runs: PyOnceLock<Py<PyTuple>>,
+    /// What stands in for a simulation of somebody's own, if the diagnosis is about one.
+    stand_in: Option<StandIn>,
 }
 
 #[pymethods]
 impl Diagnosis {
+    /// The model to go on with. A simulation of which only predictions are known has none.
+    #[getter]
+    fn model(&self, py: Python<'_>) -> PyResult<Py<Model>> {
+        match &self.stand_in {
+            None => Ok(self.model.clone_ref(py)),
+            Some(stand_in) => Err(PyAttributeError::new_err(format!(
+                "this diagnosis is about {}, a simulation of which only predictions are known: there is \
+                 no model of it to repair; .verdict.effects has what it lacks, with the parameters of \
+                 the model that stands in for it",
+                stand_in.column
+            ))),
+        }
+    }
+
     /// The answer: effect_found, parameters_only, no_discrepancy, cannot_tell or unexplained.
     #[getter]
     fn answer(&self) -> PyResult<String> {
@@ -144,53 +160,42 @@ impl Diagnosis {
 
     /// Draws measured, before and after: with a path as the picture of `softrig diagnose --plot`, as
     /// SVG, PDF or PNG by its extension, without one on matplotlib's axes, an array with one a run.
-    #[pyo3(signature = (path = None, *, width = None, font_size = None, headline = None, panels = None,
-                        runs = None, colours = None))]
-    #[allow(clippy::too_many_arguments)] // They are keywords in Python.
+    #[pyo3(signature = (path = None, *, runs = None, **look))]
     fn plot<'py>(
         &self,
         py: Python<'py>,
         path: Option<PathBuf>,
-        width: Option<String>,
-        font_size: Option<f64>,
-        headline: Option<bool>,
-        panels: Option<Vec<String>>,
-        runs: Option<Vec<String>>,
-        colours: Option<String>,
+        runs: Option<&Bound<'py, PyAny>>,
+        look: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let look = || -> Result<Look, String> {
-            Ok(Look {
-                width: width.map(|it| it.parse()).transpose()?,
-                font_pt: font_size
-                    .map(|it| Look::font_size(&it.to_string()))
-                    .transpose()?,
-                headline,
-                panels: panels.unwrap_or_default(),
-                colours: colours.map(|it| it.parse()).transpose()?,
-            })
-        };
-        let look = look().map_err(PyValueError::new_err)?;
+        let names = runs.map(words).transpose()?;
         let Some(path) = path else {
-            let runs = self.make_runs();
-            let curves: Vec<Curves<'_>> = runs
-                .iter()
-                .map(|run| Curves {
-                    name: &run.name,
-                    time: &run.time,
-                    measured: &run.measured,
-                    nominal: &run.nominal,
-                    after: &run.repaired,
-                })
-                .collect();
-            return axes::drawn(py, &curves, "repaired").map(Some);
+            look::refuse(py, look)?;
+            let all = self.make_runs();
+            let drawn: Vec<&Run> = match names {
+                Some(names) => {
+                    named(&all, &names, |run| (&run.0.name, Path::new(""))).or_raise(py)?
+                }
+                None => all.iter().collect(),
+            };
+            let curves = drawn.iter().map(|Run(run)| Curves {
+                name: &run.name,
+                time: &run.time,
+                measured: &run.measured,
+                nominal: &run.nominal,
+                after: &run.repaired,
+            });
+            let curves: Vec<Curves<'_>> = curves.collect();
+            let measurand = self.found.data.measurand();
+            return axes::drawn(py, &curves, "repaired", &measurand).map(Some);
         };
         self.check(&Output::of("plot", FileKind::Picture, Some(&path)))
             .or_raise(py)?;
-        let chosen = match runs {
+        let chosen = match names {
             Some(names) => figure_of_runs(&self.found, &names).or_raise(py)?,
             None => figure(&self.found),
         };
-        py.detach(|| write(&path, &chosen, &look)).or_raise(py)?;
+        look::draw(py, &path, &chosen, look)?;
         Ok(None)
     }
 
@@ -208,6 +213,21 @@ impl Diagnosis {
     /// As [`Self::__copy__`].
     fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
         slf
+    }
+
+    /// Refuses to be pickled: what it can still draw and write hangs on the whole search.
+    fn __reduce__(&self) -> PyResult<()> {
+        let model = if self.stand_in.is_none() {
+            ".model, "
+        } else {
+            ""
+        };
+        let keep = format!("{model}.runs and .json(), which can be, or the file of .report(path)");
+        Err(kept::refused(
+            "Diagnosis",
+            "it holds the whole search",
+            &keep,
+        ))
     }
 
     fn __repr__(&self) -> PyResult<String> {
@@ -253,7 +273,10 @@ impl Diagnosis {
     }
 
     fn as_verdict(&self) -> Verdict {
-        self.found.verdict(&self.request(), self.seconds)
+        Verdict {
+            simulation: self.stand_in.clone(),
+            ..self.found.verdict(&self.request(), self.seconds)
+        }
     }
 
     /// Refuses a file that should not be written over.
@@ -272,7 +295,7 @@ impl Diagnosis {
             .into_iter()
             .map(|run| {
                 let force = forces.get(run.index).filter(|_| !run.held_out);
-                Run {
+                Run(OfRun {
                     name: run.recording.name.clone(),
                     held_out: run.held_out,
                     time: run.recording.time.clone(),
@@ -285,7 +308,9 @@ impl Diagnosis {
                     pressure: run.pressure,
                     measured: run.measured,
                     is_compared: run.silent.iter().map(|silent| !silent).collect(),
-                }
+                    zero_unix_s: run.zero_unix_s,
+                    column: run.recording.measurand.column(),
+                })
             })
             .collect()
     }
@@ -299,7 +324,12 @@ fn defect(error: impl std::fmt::Display) -> PyErr {
 /// A run of a diagnosis: what was measured, and what each model makes of it.
 #[pyclass(frozen, module = "softrig")]
 #[derive(Clone, Debug)]
-pub struct Run {
+pub struct Run(OfRun);
+
+/// What a run is made of, and pickled as.
+#[derive(Clone, Debug, FromPyObject, IntoPyObject)]
+#[pyo3(from_item_all)]
+struct OfRun {
     name: String,
     held_out: bool,
     time: Vec<f64>,
@@ -313,109 +343,138 @@ pub struct Run {
     force: Option<Vec<f64>>,
     deviation: Option<Vec<f64>>,
     is_compared: Vec<bool>,
+    /// When time 0 was (s since 1970, UTC), if that is known.
+    zero_unix_s: Option<f64>,
+    /// Name and unit of the output: `angle_deg`.
+    column: String,
 }
 
 #[pymethods]
 impl Run {
+    /// Makes a run of what [`Self::__reduce__`] gave.
+    #[staticmethod]
+    fn _restored(parts: OfRun) -> Self {
+        Self(parts)
+    }
+
+    /// For pickle.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> kept::Reduced<'py, (OfRun,)> {
+        kept::reduced::<Self, _>(py, (self.0.clone(),))
+    }
+
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
+    }
+
     /// Name of the run.
     #[getter]
     fn name(&self) -> &str {
-        &self.name
+        &self.0.name
     }
 
     /// Whether it was kept out of the fit.
     #[getter]
     fn held_out(&self) -> bool {
-        self.held_out
+        self.0.held_out
     }
 
     /// Time of each sample (s).
     #[getter]
     fn time_s<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.time)
+        array(py, &self.0.time)
     }
 
     /// Gauge pressure (kPa), its zero still in it.
     #[getter]
     fn pressure_kpa<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.pressure)
+        array(py, &self.0.pressure)
     }
 
     /// The measured angle (°).
     #[getter]
     fn measured_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.measured)
+        array(py, &self.0.measured)
     }
 
     /// The angle of the model as it was given (°).
     #[getter]
     fn nominal_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.nominal)
+        array(py, &self.0.nominal)
     }
 
     /// The angle of the refitted model (°).
     #[getter]
     fn refit_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.refit)
+        array(py, &self.0.refit)
     }
 
     /// The angle of the repaired model (°).
     #[getter]
     fn repaired_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.repaired)
+        array(py, &self.0.repaired)
     }
 
     /// Simulated less measured angle of the model as it was given (°).
     #[getter]
     fn nominal_residual_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.residuals[0])
+        array(py, &self.0.residuals[0])
     }
 
     /// The same of the refitted model (°).
     #[getter]
     fn refit_residual_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.residuals[1])
+        array(py, &self.0.residuals[1])
     }
 
     /// The same of the repaired model (°).
     #[getter]
     fn repaired_residual_deg<'py>(&self, py: Python<'py>) -> Array<'py> {
-        array(py, &self.residuals[2])
+        array(py, &self.0.residuals[2])
     }
 
     /// The force that the refitted model lacks (N), positive where it acts against growing
     /// angles; None for a run that was held out.
     #[getter]
     fn missing_force_n<'py>(&self, py: Python<'py>) -> Option<Array<'py>> {
-        self.force.as_ref().map(|values| array(py, values))
+        self.0.force.as_ref().map(|values| array(py, values))
     }
 
     /// Standard deviation of the missing force (N).
     #[getter]
     fn missing_force_sd_n<'py>(&self, py: Python<'py>) -> Option<Array<'py>> {
-        self.deviation.as_ref().map(|values| array(py, values))
+        self.0.deviation.as_ref().map(|values| array(py, values))
     }
 
     /// Whether the measured angle of each sample was compared: not where the sensor was at
     /// the end of its range.
     #[getter]
     fn compared<'py>(&self, py: Python<'py>) -> Bound<'py, numpy::PyArray1<bool>> {
-        numpy::PyArray1::from_slice(py, &self.is_compared)
+        numpy::PyArray1::from_slice(py, &self.0.is_compared)
     }
 
     /// All of it as a pandas frame.
     fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let frame = frame(
             py,
+            &Rows {
+                time: &self.0.time,
+                zero_unix_s: self.0.zero_unix_s,
+                measurand: Measurand::of_column(&self.0.column),
+            },
             &[
-                ("time_s", Some(&self.time)),
-                ("pressure_kpa", Some(&self.pressure)),
-                ("measured_deg", Some(&self.measured)),
-                ("nominal_deg", Some(&self.nominal)),
-                ("refit_deg", Some(&self.refit)),
-                ("repaired_deg", Some(&self.repaired)),
-                ("missing_force_n", self.force.as_deref()),
-                ("missing_force_sd_n", self.deviation.as_deref()),
+                ("pressure_kpa", Some(&self.0.pressure)),
+                ("measured_deg", Some(&self.0.measured)),
+                ("nominal_deg", Some(&self.0.nominal)),
+                ("refit_deg", Some(&self.0.refit)),
+                ("repaired_deg", Some(&self.0.repaired)),
+                ("missing_force_n", self.0.force.as_deref()),
+                ("missing_force_sd_n", self.0.deviation.as_deref()),
             ],
         )?;
         frame.set_item("compared", self.compared(py))?;
@@ -423,8 +482,12 @@ impl Run {
     }
 
     fn __repr__(&self) -> String {
-        let Self { name, time, .. } = self;
-        let role = if self.held_out { "held out" } else { "fitted" };
+        let OfRun { name, time, .. } = &self.0;
+        let role = if self.0.held_out {
+            "held out"
+        } else {
+            "fitted"
+        };
         format!("<softrig.Run {name:?}: {role}, {} samples>", time.len())
     }
 }
@@ -436,9 +499,11 @@ impl Run {
 /// fits are kept, and from which they are taken up. `effects` is a file of effects with
 /// formulas of your own, which are tried beside those that are known. Without `formulas`, no other
 /// formula is tried where no effect is enough. After `budget_s` seconds
-/// the search ends with an answer on what was tried until then.
+/// the search ends with an answer on what was tried until then. With `prediction`, a column of the
+/// recordings with the angles of a simulation of your own, the answer is what that lacks; the model,
+/// fitted to these angles, stands in for it.
 #[pyfunction]
-#[pyo3(signature = (model, recordings, *, holdout = None, effects = None, formulas = true, seed = 1, progress = None, threads = None, resume = None, budget_s = None))]
+#[pyo3(signature = (model, recordings, *, holdout = None, effects = None, formulas = true, seed = 1, progress = None, threads = None, resume = None, budget_s = None, prediction = None))]
 #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
 pub fn diagnose(
     py: Python<'_>,
@@ -452,11 +517,13 @@ pub fn diagnose(
     threads: Option<NonZero<usize>>,
     resume: Option<PathBuf>,
     budget_s: Option<f64>,
+    prediction: Option<&str>,
 ) -> PyResult<Diagnosis> {
     let given = model.get();
     let fitted = self::recordings(recordings)?;
     let held_out = holdout.map_or_else(|| Ok(Vec::new()), self::recordings)?;
     let budget = budget_s.map(budget).transpose().or_raise(py)?;
+    let prediction = prediction.map(predicted).transpose().or_raise(py)?;
     let own = effects
         .map(|path| OwnEffects::read(&path, &given.file.model))
         .transpose()
@@ -469,18 +536,25 @@ pub fn diagnose(
         formulas,
         seed,
         budget_s,
+        prediction: prediction.as_ref(),
     };
     let provenance = call.provenance().or_raise(py)?;
-    let [fitted, held_out] = inputs(py, &fitted, &held_out)?;
+    let [mut fitted, mut held_out] = inputs(py, &fitted, &held_out)?;
     let checkpoint = match resume {
         Some(folder) => Checkpoint::open(&folder).or_raise(py)?,
         None => Checkpoint::default(),
     };
     warn(py, checkpoint.damaged().map(str::to_owned))?;
-    let file = Arc::new(with_tip_load(ModelFile::clone(&given.file), &fitted));
-    let as_fitted = Arc::clone(&file);
+    let file = with_tip_load(ModelFile::clone(&given.file), &fitted);
     let clock = Instant::now();
     let work = move |job: &Job| {
+        let (stand_in, file) = match &prediction {
+            Some(prediction) => {
+                let (stand_in, file) = StandIn::of(&file, prediction, &mut fitted, &mut held_out)?;
+                (Some(stand_in), file)
+            }
+            None => (None, file),
+        };
         let request = Request {
             file: &file,
             recordings: &fitted,
@@ -493,28 +567,52 @@ pub fn diagnose(
         };
         let found = diagnose_from(&request, &checkpoint, job)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let content = Content::of(&request, &found);
-        Ok((Box::new(found), content, seconds, fitted, held_out, own))
+        let mut content = Content::of(&request, &found);
+        if let Some(stand_in) = &stand_in {
+            content.speak_of_simulation(stand_in);
+        }
+        Ok(Done {
+            file,
+            fitted,
+            held_out,
+            own,
+            stand_in,
+            content,
+            seconds,
+            found: Box::new(found),
+        })
     };
     let listener = Listener::new(progress);
     let job = Job::within(budget);
-    let (found, content, seconds, fitted, held_out, own) =
-        work::run(py, threads, job, listener, work)?.or_raise(py)?;
-    let repaired = given.with(py, &found.model_text(&given.file))?;
+    let done: Done = work::run(py, threads, job, listener, work)?.or_raise(py)?;
+    let repaired = given.with(py, &done.found.model_text(&given.file))?;
     Ok(Diagnosis {
         model: Py::new(py, repaired)?,
-        file: as_fitted,
-        fitted,
-        held_out,
-        own,
+        file: done.file,
+        fitted: done.fitted,
+        held_out: done.held_out,
+        own: done.own,
         formulas,
         seed,
-        seconds,
+        seconds: done.seconds,
         provenance,
-        content,
-        found,
+        content: done.content,
+        found: done.found,
         runs: PyOnceLock::new(),
+        stand_in: done.stand_in,
     })
+}
+
+/// What the work of a diagnosis gives back: its inputs as it used them, and what it found.
+struct Done {
+    file: ModelFile,
+    fitted: Vec<recording::Recording>,
+    held_out: Vec<recording::Recording>,
+    own: Option<OwnEffects>,
+    stand_in: Option<StandIn>,
+    content: Content,
+    seconds: f64,
+    found: Box<Found>,
 }
 
 /// The time that a search may take, of seconds.
@@ -535,6 +633,7 @@ struct Call<'a> {
     formulas: bool,
     seed: u64,
     budget_s: Option<f64>,
+    prediction: Option<&'a Prediction>,
 }
 
 impl Call<'_> {
@@ -572,6 +671,9 @@ impl Call<'_> {
         }
         if !self.formulas {
             text += ", formulas=False";
+        }
+        if let Some(prediction) = self.prediction {
+            text += &format!(", prediction={:?}", prediction.to_string());
         }
         text += &format!(", seed={}", self.seed);
         if let Some(seconds) = self.budget_s {

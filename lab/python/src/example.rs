@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use softrig_formats::model_file::ModelFile;
 
 use crate::fault::OrRaise;
+use crate::kept;
 use crate::model::Model;
 use crate::recording::Recording;
 
@@ -22,6 +23,8 @@ pub struct Example {
     truth: Py<Model>,
     recordings: Vec<Recording>,
     inner: Made,
+    /// Seed, effect and noise (°) that it was made with.
+    call: (u64, Option<String>, f64),
 }
 
 #[pymethods]
@@ -35,6 +38,32 @@ impl Example {
     /// Writes model.toml, truth.toml and recordings/ into a folder, as `softrig example` does.
     fn write(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
         self.inner.write(&folder).or_raise(py)
+    }
+
+    /// Makes an example of what [`Self::__reduce__`] gave.
+    #[staticmethod]
+    fn _restored(
+        py: Python<'_>,
+        seed: u64,
+        effect: Option<&str>,
+        noise_deg: f64,
+    ) -> PyResult<Self> {
+        example(py, seed, effect, noise_deg)
+    }
+
+    /// For pickle: the call, which makes the same again, to the last bit.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> kept::Reduced<'py, (u64, Option<String>, f64)> {
+        kept::reduced::<Self, _>(py, self.call.clone())
+    }
+
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __repr__(&self) -> String {
@@ -66,5 +95,6 @@ pub fn example(
         truth: model(&made.truth, "truth.toml")?,
         recordings: recordings.into_iter().map(Recording::of_memory).collect(),
         inner: made,
+        call: (seed, effect.map(str::to_owned), noise_deg),
     })
 }

@@ -3,7 +3,7 @@
 //! Nothing is computed here. Each module converts Python objects to those of `softrig`, the library,
 //! calls it, and converts the results back: [`recording`], [`model`], [`simulation`],
 //! [`fit`], [`diagnosis`], [`batch`], [`measure`], [`analysis`], [`example`]; [`command`] is `softrig` itself. They share the conversion of errors to exceptions
-//! ([`fault`]), of numbers ([`values`], [`frame`], [`axes`]), and long work without the interpreter's
+//! ([`fault`]), of numbers ([`values`], [`frame`], [`axes`], [`look`]), copies and pickles ([`kept`]), and long work without the interpreter's
 //! lock ([`work`]).
 //!
 //! A test compares the definitions here with `softrig.pyi`.
@@ -23,6 +23,8 @@ mod example;
 mod fault;
 mod fit;
 mod frame;
+mod kept;
+mod look;
 mod measure;
 mod model;
 mod progress;

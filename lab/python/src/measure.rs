@@ -4,6 +4,7 @@ use library::board_gap::{BoardGap, PredictedRun, predicted_runs};
 use library::comparison::{Comparison, check_comparable};
 use library::diagnose::Job;
 use library::estimate::assemble::assemble;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use softrig_formats::model_file::ModelFile;
@@ -11,7 +12,7 @@ use softrig_formats::model_file::ModelFile;
 use crate::fault::{OrRaise, warn};
 use crate::frame;
 use crate::model::Model;
-use crate::recording::{inputs, recordings};
+use crate::recording::{inputs, predicted, recordings};
 use crate::values::from_json;
 use crate::work::{self, Listener};
 
@@ -41,31 +42,46 @@ pub fn gap<'py>(
 }
 
 /// The RMS error of each model against the mean of the repeats to each set-point, as a pandas
-/// frame with the columns that `softrig compare -o` writes.
+/// frame with the columns that `softrig compare -o` writes. `prediction` adds a simulation of your
+/// own, whose angles are in that column of the recordings; then models may be None.
 #[pyfunction]
-#[pyo3(signature = (models, recordings, *, linear = false))]
+#[pyo3(signature = (models, recordings, *, linear = false, prediction = None))]
 pub fn compare<'py>(
     py: Python<'py>,
-    models: &Bound<'py, PyAny>,
+    models: Option<&Bound<'py, PyAny>>,
     recordings: &Bound<'py, PyAny>,
     linear: bool,
+    prediction: Option<&str>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let one = |item: &Bound<'py, PyAny>| -> PyResult<ModelFile> {
         Ok(ModelFile::clone(&item.cast::<Model>()?.get().file))
     };
-    let files: Vec<ModelFile> = match one(models) {
-        Ok(file) => vec![file],
-        Err(_) => models
+    let files: Vec<ModelFile> = match models.map(|models| (models, one(models))) {
+        None => Vec::new(),
+        Some((_, Ok(file))) => vec![file],
+        Some((several, Err(_))) => several
             .try_iter()?
             .map(|item| one(&item?))
             .collect::<PyResult<_>>()?,
     };
+    let prediction = prediction.map(predicted).transpose().or_raise(py)?;
+    if files.is_empty() && (linear || prediction.is_none()) {
+        return Err(PyTypeError::new_err(
+            "give a model, or several; without one prediction, the column of a simulation of your own",
+        ));
+    }
     let [used, _] = inputs(py, &crate::recording::recordings(recordings)?, &[])?;
     warn(py, check_comparable(&files, &used).or_raise(py)?)?;
     let assembled = assemble(&used, &[]).or_raise(py)?;
     warn(py, assembled.concerns.iter().map(ToString::to_string))?;
-    let work = move |_: &Job| Comparison::of(&files, &assembled.data, linear);
-    let found = work::run(py, None, Job::default(), Listener::new(None), work)?;
+    let work = move |_: &Job| {
+        let found = Comparison::of(&files, &assembled.data, linear);
+        match &prediction {
+            Some(prediction) => found.with_prediction(prediction),
+            None => Ok(found),
+        }
+    };
+    let found = work::run(py, None, Job::default(), Listener::new(None), work)?.or_raise(py)?;
     let rows = || {
         found.models.iter().flat_map(|model| {
             let errors = found.groups.iter().zip(&model.errors);

@@ -16,6 +16,7 @@ use softrig_formats::numbers::tidy;
 use softrig_report::provenance::{MODEL, Source};
 
 use crate::fault::{OrRaise, warn};
+use crate::kept;
 
 /// A model: its parameters, what a fit may move, and the text of its file.
 #[pyclass(frozen, module = "softrig")]
@@ -170,10 +171,31 @@ impl Model {
         self.with(py, &self.file.text_with(&model, ""))
     }
 
-    /// For pickle and copy: the text of its file, so that other processes need no file.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
-        let parse = py.get_type::<Self>().getattr("from_toml")?;
-        Ok((parse, (self.file.text().to_owned(),)))
+    /// Makes a model of what [`Self::__reduce__`] gave.
+    #[staticmethod]
+    fn _restored(py: Python<'_>, text: &str, path: PathBuf, is_of_file: bool) -> PyResult<Self> {
+        let file = ModelFile::parse(text, &path).or_raise(py)?;
+        Ok(Self {
+            file: Arc::new(file),
+            is_of_file,
+        })
+    }
+
+    /// For pickle: the text of its file, so that other processes need no file.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> kept::Reduced<'py, (String, PathBuf, bool)> {
+        let Self { file, is_of_file } = self;
+        let parts = (file.text().to_owned(), file.path.clone(), *is_of_file);
+        kept::reduced::<Self, _>(py, parts)
+    }
+
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __repr__(&self) -> String {

@@ -3,21 +3,25 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use pyo3::exceptions::PyTypeError;
+use library::prediction::Prediction;
+use numpy::{IntoPyArray, PyReadonlyArray1};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyString};
 use serde_json::Value;
 use softrig_cli::cli::input::layout_of_folder;
 use softrig_formats::columns::{self, ATMOSPHERE_KPA, Columns, Layout, Names, Scale};
 use softrig_formats::error::InputError as Fault;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::recording::{
     self, Column, Meta, PASCAL_PER_KPA, check_distinct, recordings_among,
 };
 use softrig_formats::setup::Setup;
-use softrig_report::provenance::{FITTED, Source};
+use softrig_report::provenance::{FITTED, METADATA, Source};
 
 use crate::fault::{OrRaise, raised, warn};
 use crate::frame;
+use crate::kept;
 use crate::model::Model;
 use crate::values::{Array, array, from_json, numbers, to_json};
 
@@ -35,9 +39,16 @@ pub struct Recording {
 struct Files {
     /// The files, as they were then.
     sources: Vec<Source>,
-    /// What was said of their columns.
-    layout: Layout,
+    /// Whether nothing was said of their columns.
+    is_plain: bool,
 }
+
+/// What a recording is pickled as: all but its samples, its samples (s, Pa, rad), and its files with
+/// sizes and hashes.
+type Pickled<S> = (String, [S; 3], Option<PickledFiles>);
+
+/// Paths, sizes and hashes, and whether nothing was said of the columns.
+type PickledFiles = (Vec<(String, usize, String)>, bool);
 
 #[pymethods]
 impl Recording {
@@ -69,7 +80,8 @@ impl Recording {
     }
 
     /// Makes a recording of a pandas frame. The names of its columns can be given; the time
-    /// may be its index. Other columns are kept.
+    /// may be its index. Other columns are kept; of dates in `time_utc` it is kept when the recording
+    /// began.
     #[staticmethod]
     #[pyo3(signature = (frame, *, time_s = "time_s", pressure_kpa = "pressure_kpa", angle_deg = "angle_deg", name = "recording", metadata = None, **meaning))]
     #[allow(clippy::too_many_arguments)] // Each has a name where it is called.
@@ -94,14 +106,21 @@ impl Recording {
             meaning,
         )?;
         let mut inner = Arc::unwrap_or_clone(made.inner);
-        let required = [time_s, pressure_kpa, angle_deg];
+        inner.measurand = Measurand::of(angle_deg, inner.columns.angle);
+        let not_kept = [time_s, pressure_kpa, angle_deg, frame::TIME_UTC];
         // Rows without a place in time are not in the recording.
         let rows: Vec<usize> = (0..inner.len())
             .filter_map(|sample| usize::try_from(inner.lines.number(sample) - 1).ok())
             .collect();
+        if inner.meta.started.is_none()
+            && let Some(&row) = rows.first()
+            && let Some(zero) = frame::zero_unix_s(frame, row, inner.time[0])?
+        {
+            inner.meta.set_started(zero);
+        }
         for name in frame.getattr("columns")?.try_iter()? {
             let name = name?.str()?.to_string();
-            if !required.contains(&name.as_str()) {
+            if !not_kept.contains(&name.as_str()) {
                 let all = fields(&frame::column(frame, &name)?)?;
                 let fields = rows.iter().filter_map(|row| all.get(*row).cloned());
                 let fields = fields.collect();
@@ -153,19 +172,72 @@ impl Recording {
         self.inner.duration()
     }
 
-    /// All columns as a pandas frame.
+    /// All columns as a pandas frame, whose `attrs` are the metadata. Where these say when the
+    /// recording began, the column `time_utc` has dates.
     fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let columns = PyDict::new(py);
         columns.set_item("time_s", self.time_s(py))?;
         columns.set_item("pressure_kpa", self.pressure_kpa(py))?;
-        columns.set_item("angle_deg", self.angle_deg(py))?;
+        columns.set_item(self.inner.measurand.column(), self.angle_deg(py))?;
         for column in &self.inner.extra {
             match as_numbers(&column.fields) {
                 Some(values) => columns.set_item(&column.name, array(py, &values))?,
                 None => columns.set_item(&column.name, &column.fields)?,
             }
         }
-        frame::of(py, &columns)
+        let made = frame::of(py, &columns)?;
+        frame::add_dates(&made, &self.inner.time, self.inner.zero_unix_s())?;
+        made.getattr("attrs")?
+            .call_method1("update", (self.metadata(py)?,))?;
+        Ok(made)
+    }
+
+    /// Makes a recording of what [`Self::__reduce__`] gave.
+    #[staticmethod]
+    fn _restored(
+        rest: &str,
+        samples: [PyReadonlyArray1<'_, f64>; 3],
+        files: Option<PickledFiles>,
+    ) -> PyResult<Self> {
+        let mut inner: recording::Recording = serde_json::from_str(rest).map_err(|error| {
+            PyValueError::new_err(format!(
+                "this recording was pickled by another version of softrig: {error}; read it anew"
+            ))
+        })?;
+        let of_files = files.map(|(files, is_plain)| {
+            let roles = std::iter::once(FITTED).chain(std::iter::repeat(METADATA));
+            let sources = roles
+                .zip(files)
+                .map(|(role, (path, bytes, sha256))| Source {
+                    role,
+                    path,
+                    bytes,
+                    sha256,
+                });
+            let sources = sources.collect();
+            Arc::new(Files { sources, is_plain })
+        });
+        [inner.time, inner.pressure, inner.angle] = samples.map(|it| it.as_array().to_vec());
+        Ok(Self {
+            inner: Arc::new(inner),
+            files: of_files,
+        })
+    }
+
+    /// For pickle: all of it, so that other processes need no file.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> kept::Reduced<'py, Pickled<Array<'py>>> {
+        let mut rest = self.inner.as_ref().clone();
+        let samples = [&mut rest.time, &mut rest.pressure, &mut rest.angle];
+        let samples = samples.map(|it| std::mem::take(it).into_pyarray(py));
+        let files = self.files.as_ref().map(|files| {
+            let sources = files.sources.iter();
+            let sources = sources.map(|it| (it.path.clone(), it.bytes, it.sha256.clone()));
+            (sources.collect(), files.is_plain)
+        });
+        let mut rest =
+            serde_json::to_value(rest).map_err(|error| PyValueError::new_err(error.to_string()))?;
+        without_nothing(&mut rest);
+        kept::reduced::<Self, _>(py, (rest.to_string(), samples, files))
     }
 
     fn __len__(&self) -> usize {
@@ -206,7 +278,7 @@ impl Recording {
         let warnings = inner.remarks(warnings);
         let files = Files {
             sources: Source::recording(FITTED, path)?,
-            layout: layout.clone(),
+            is_plain: *layout == Layout::default(),
         };
         Ok((
             Self {
@@ -225,7 +297,7 @@ impl Recording {
     /// Whether its path alone says how it was read.
     pub fn is_of_plain_file(&self) -> bool {
         let files = self.files.as_ref();
-        files.is_some_and(|files| files.layout == Layout::default())
+        files.is_some_and(|files| files.is_plain)
     }
 
     /// What a report says that it was made from: files with their hashes, or the hash of the
@@ -239,6 +311,15 @@ impl Recording {
             first.role = role;
         }
         sources
+    }
+
+    /// Whether another has the same samples under the same name, as a copy by pickle has.
+    fn is_copy_of(&self, other: &Self) -> bool {
+        let (one, other) = (&*self.inner, &*other.inner);
+        one.name == other.name
+            && one.time == other.time
+            && one.pressure == other.pressure
+            && one.angle == other.angle
     }
 
     fn source_of_arrays(&self) -> Source {
@@ -363,8 +444,7 @@ pub fn inputs(
     check_distinct(&files(fitted), &files(held_out)).or_raise(py)?;
     let all: Vec<&Recording> = fitted.iter().chain(held_out).collect();
     for (place, recording) in all.iter().enumerate() {
-        let is_it = |other: &&Recording| Arc::ptr_eq(&other.inner, &recording.inner);
-        if all[..place].iter().any(is_it) {
+        if all[..place].iter().any(|other| other.is_copy_of(recording)) {
             let fault = Fault::new(
                 format!("recording {:?} is given twice", recording.inner.name),
                 "name each recording once: to be fitted, or as holdout for validation",
@@ -390,6 +470,13 @@ pub fn inputs(
             .collect()
     };
     Ok([told_apart(fitted), told_apart(held_out)])
+}
+
+/// The column with the angles of somebody's own simulation, as `COLUMN` or `COLUMN:UNIT`.
+pub fn predicted(given: &str) -> Result<Prediction, Fault> {
+    given
+        .parse()
+        .map_err(|advice: String| Fault::new(format!("prediction is {given:?}"), advice))
 }
 
 /// The columns of a file, by what they hold.
@@ -506,6 +593,15 @@ fn known(meta: &Meta) -> Value {
         });
     }
     value
+}
+
+/// Takes out the keys under which nothing stands.
+fn without_nothing(value: &mut Value) {
+    let Some(map) = value.as_object_mut() else {
+        return;
+    };
+    map.retain(|_, value| !value.is_null());
+    map.values_mut().for_each(without_nothing);
 }
 
 /// The fields of a column as a file would hold them: empty where nothing is known.

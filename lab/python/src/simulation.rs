@@ -8,10 +8,12 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use softrig_formats::columns::Columns;
 use softrig_formats::error::InputError as Fault;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::recording;
 
 use crate::fault::{OrRaise, warn};
-use crate::frame::frame;
+use crate::frame::{Rows, frame};
+use crate::kept;
 use crate::model::Model;
 use crate::recording::{Recording, angle_deg as measured_angle, pressure_kpa as kpa_of};
 use crate::values::{Array, array, choice, numbers};
@@ -26,7 +28,21 @@ pub struct Simulation {
     angle: Vec<f64>,
     measured: Option<Vec<f64>>,
     setpoint: Option<Vec<f64>>,
+    /// When time 0 was (s since 1970, UTC), if that is known.
+    zero_unix_s: Option<f64>,
+    /// Name and unit of the output: `angle_deg`.
+    column: String,
 }
+
+/// What a simulation is pickled as: times, pressures and angles; measured angles; set-points;
+/// when time 0 was; and the name of the output's column.
+type Parts = (
+    [Vec<f64>; 3],
+    Option<Vec<f64>>,
+    Option<Vec<f64>>,
+    Option<f64>,
+    String,
+);
 
 #[pymethods]
 impl Simulation {
@@ -77,14 +93,62 @@ impl Simulation {
     fn to_pandas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         frame(
             py,
+            &Rows {
+                time: &self.time,
+                zero_unix_s: self.zero_unix_s,
+                measurand: Measurand::of_column(&self.column),
+            },
             &[
-                ("time_s", Some(&self.time)),
                 ("pressure_kpa", Some(&self.pressure)),
-                ("angle_deg", Some(&self.angle)),
+                (self.column.as_str(), Some(&self.angle)),
                 ("measured_deg", self.measured.as_deref()),
                 ("setpoint_deg", self.setpoint.as_deref()),
             ],
         )
+    }
+
+    /// Makes a simulation of what [`Self::__reduce__`] gave.
+    #[staticmethod]
+    fn _restored(
+        series: [Vec<f64>; 3],
+        measured: Option<Vec<f64>>,
+        setpoint: Option<Vec<f64>>,
+        zero_unix_s: Option<f64>,
+        column: String,
+    ) -> Self {
+        let [time, pressure, angle] = series;
+        Self {
+            time,
+            pressure,
+            angle,
+            measured,
+            setpoint,
+            zero_unix_s,
+            column,
+        }
+    }
+
+    /// For pickle.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> kept::Reduced<'py, Parts> {
+        let this = self.clone();
+        let parts = (
+            [this.time, this.pressure, this.angle],
+            this.measured,
+            this.setpoint,
+            this.zero_unix_s,
+            this.column,
+        );
+        kept::reduced::<Self, _>(py, parts)
+    }
+
+    /// Nothing of it changes, so it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    /// As [`Self::__copy__`].
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __len__(&self) -> usize {
@@ -92,9 +156,10 @@ impl Simulation {
     }
 
     fn __repr__(&self) -> String {
+        let unit = Measurand::of_column(&self.column).unit();
         let error = self
             .rmse_deg()
-            .map_or_else(String::new, |rmse| format!(", RMS error {rmse:.3}°"));
+            .map_or_else(String::new, |rmse| format!(", RMS error {rmse:.3}{unit}"));
         format!("<softrig.Simulation: {} samples{error}>", self.time.len())
     }
 }
@@ -170,6 +235,8 @@ pub fn simulate(
         pressure: kpa_of(&drive.recording),
         measured: drive.is_measured.then(|| measured_angle(&drive.recording)),
         setpoint: drive.setpoint_deg,
+        zero_unix_s: drive.recording.zero_unix_s(),
+        column: drive.recording.measurand.column(),
         time: drive.recording.time,
         angle,
     })

@@ -1,18 +1,11 @@
 """Models: text in, parameters out, and other parameters."""
 
-import copy
-import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import softrig
-
-
-def test_a_model_can_be_pickled_and_copied(model: softrig.Model) -> None:
-    for again in [pickle.loads(pickle.dumps(model)), copy.copy(model), copy.deepcopy(model)]:
-        assert again.to_toml() == model.to_toml()
 
 
 def test_parameters_have_the_keys_of_the_file(folder: Path, model: softrig.Model) -> None:

@@ -262,3 +262,84 @@ def test_a_frame_may_have_its_own_names() -> None:
         softrig.Recording.from_pandas(
             gaps, time_s="t", pressure_kpa="p", angle_deg="theta"
         )
+
+
+def test_a_frame_has_dates_where_they_are_known() -> None:
+    started = "2024-05-01T12:00:00Z"
+    recording = of(metadata={"started": started, "setpoint_deg": 50.0})
+    frame = recording.to_pandas()
+    first = pd.Timestamp(started)
+    assert isinstance(frame["time_utc"].dtype, pd.DatetimeTZDtype)
+    assert frame["time_utc"].iloc[0] == first
+    assert frame["time_utc"].iloc[99] == first + pd.Timedelta("990ms")
+    assert frame.attrs == recording.metadata
+    # As one would: by the clock on the wall.
+    by_clock = frame.set_index("time_utc")["angle_deg"].resample("100ms").mean()
+    assert len(by_clock) == 10
+    again = softrig.Recording.from_pandas(frame)
+    assert again.metadata["started"] == "2024-05-01T12:00:00.000000Z"
+    pd.testing.assert_series_equal(again.to_pandas()["time_utc"], frame["time_utc"])
+    said = softrig.Recording.from_pandas(frame, metadata=frame.attrs)
+    assert said.metadata == recording.metadata
+    # A part that was cut out later counts from where it began.
+    part = of(metadata={"started": started, "part_of": "whole.csv", "begins_s": 60.0})
+    assert part.to_pandas()["time_utc"].iloc[0] == first + pd.Timedelta("60s")
+    assert "time_utc" not in of().to_pandas()
+
+
+def test_a_file_with_dates_has_them_in_its_frame(tmp_path: Path, model: softrig.Model) -> None:
+    path = tmp_path / "run.csv"
+    dates = pd.date_range("2024-05-01T12:00:00Z", periods=200, freq="10ms")
+    rows = [f"{date.isoformat()},{k % 9},{k % 5}" for k, date in enumerate(dates)]
+    path.write_text("time,pressure_kpa,angle_deg\n" + "\n".join(rows) + "\n")
+    recording = softrig.read(path, columns={"time": "time"})
+    column = recording.to_pandas()["time_utc"]
+    off = (column - dates.to_series(index=column.index)).abs().max()
+    assert off < pd.Timedelta("2us")
+
+
+def test_curves_have_the_dates_of_their_recording(
+    model: softrig.Model, recordings: list[softrig.Recording]
+) -> None:
+    started = pd.Timestamp("2024-05-01T12:00:00Z")
+    dated = [
+        softrig.Recording.from_pandas(
+            recording.to_pandas(),
+            name=recording.name,
+            metadata=recording.metadata | {"started": f"2024-05-01T12:0{minute}:00Z"},
+        )
+        for minute, recording in enumerate(recordings[:2])
+    ]
+    found = softrig.diagnose(model, dated, budget_s=0)
+    with pytest.warns(softrig.InputWarning):
+        fit = softrig.fit(model, dated)
+    for minute in range(2):
+        for frame in [
+            found.runs[minute].to_pandas(),
+            fit.runs[minute].to_pandas(),
+            softrig.simulate(model, dated[minute]).to_pandas(),
+        ]:
+            first = frame["time_utc"].iloc[0] - pd.Timedelta(frame["time_s"].iloc[0], "s")
+            assert first == started + pd.Timedelta(minutes=minute)
+    assert "time_utc" not in softrig.simulate(model, protocol="step").to_pandas()
+
+
+def test_an_output_in_millimetres_stays_one(tmp_path: Path, model: softrig.Model) -> None:
+    frame = pd.DataFrame({"t": TIME, "p": PRESSURE, "position_mm": ANGLE})
+    path = tmp_path / "run.csv"
+    frame.to_csv(path, index=False)
+    columns: Any = {"time": "t", "pressure": "p", "angle": "position_mm"}
+    with pytest.raises(softrig.InputError, match="angle=mm"):
+        softrig.read(path, columns=columns)
+    recording = softrig.read(path, columns=columns, units={"angle": "mm"})
+    np.testing.assert_allclose(recording.angle_deg, ANGLE, rtol=1e-12)
+    assert list(recording.to_pandas().columns) == ["time_s", "pressure_kpa", "position_mm"]
+    again = softrig.Recording.from_pandas(
+        recording.to_pandas(), angle_deg="position_mm", units={"angle": "mm"}
+    )
+    assert list(again.to_pandas().columns) == ["time_s", "pressure_kpa", "position_mm"]
+    simulation = softrig.simulate(model, again)
+    assert list(simulation.to_pandas().columns[:4]) == [
+        *["time_s", "pressure_kpa", "position_mm", "measured_mm"]
+    ]
+    assert " mm" in repr(simulation) and "°" not in repr(simulation)
