@@ -91,6 +91,9 @@ pub struct Column {
 pub struct Meta {
     /// Name of the protocol that was run.
     pub protocol: Option<String>,
+    /// That protocol, as it was sent to the board.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub segments: Vec<String>,
     /// Number of the repeat of that protocol, from 1.
     #[serde(default, deserialize_with = "whole")]
     pub repeat: Option<u32>,

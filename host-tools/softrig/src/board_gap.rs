@@ -9,7 +9,8 @@ use std::ops::Range;
 use schemars::JsonSchema;
 use serde::Serialize;
 use softrig_formats::error::InputError;
-use softrig_formats::recording::{Recording, SegmentMeta};
+use softrig_formats::recording::{Meta, Recording, SegmentMeta};
+use wire::protocol::{ControlMode, Segment};
 
 use crate::estimate::assemble::{Group, grouped};
 use crate::prediction::Prediction;
@@ -28,7 +29,7 @@ pub struct PredictedRun {
     pub measured_deg: Vec<f64>,
     /// Predicted angle (°); NaN where the board predicted none.
     pub predicted_deg: Vec<f64>,
-    /// Set-point (°); NaN where there was none.
+    /// Set-point of a closed loop (°); NaN where there was none.
     pub setpoint_deg: Vec<f64>,
 }
 
@@ -65,6 +66,7 @@ impl PredictedRun {
             predicted_deg: predicted.iter().map(|a| a.to_degrees()).collect(),
             setpoint_deg: recording
                 .column("setpoint_deg")
+                .filter(|_| !is_open_loop(&recording.meta))
                 .unwrap_or_else(|| vec![f64::NAN; recording.len()]),
         })
     }
@@ -162,6 +164,16 @@ impl PredictedRun {
     }
 }
 
+/// Whether a protocol was played and no part of it in closed loop: then nothing followed the
+/// set-points, and a step may end before the pump has come to it.
+fn is_open_loop(meta: &Meta) -> bool {
+    let mut segments = meta.segments.iter();
+    let closed = Some(ControlMode::AngleClosedLoop);
+    let is_closed =
+        |it: &String| Segment::parse(it.as_bytes()).is_some_and(|it| it.mode() == closed);
+    !meta.segments.is_empty() && !segments.any(is_closed)
+}
+
 /// The label of a segment within its session: its step, or its times.
 fn label(segment: &SegmentMeta) -> String {
     step((segment.setpoint_deg, segment.setpoint_kpa), segment.repeat)
@@ -248,7 +260,7 @@ pub struct GapOf {
     pub runs: Vec<RunError>,
 }
 
-/// How a rig followed set-points in degrees.
+/// How a rig followed set-points in degrees, in closed loop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Tracking {
     /// RMS of measured angle less set-point (°): of set-points that were held, in the second half of
@@ -523,6 +535,22 @@ mod tests {
             tracking.rms_deg
         );
         assert_eq!(tracking.overshoot_percent, None);
+
+        let text =
+            "time_s,pressure_kpa,angle_deg,predicted_deg,setpoint_deg\n0,0,1,1,20\n0.01,0,2,2,20\n";
+        let (mut recording, _) = Recording::parse(text, Path::new("run.csv")).unwrap();
+        for (segment, is_followed) in [
+            ("step deg 20.00 5000", true),
+            ("step open 20.00 5000", false),
+        ] {
+            recording.meta.segments = vec![segment.into()];
+            let run = [PredictedRun::of(&recording).unwrap()];
+            assert_eq!(
+                GapOf::runs(&run).tracking.is_some(),
+                is_followed,
+                "{segment}"
+            );
+        }
     }
 
     #[test]

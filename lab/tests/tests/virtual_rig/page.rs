@@ -173,13 +173,21 @@ fn an_empty_board_becomes_a_repaired_model_in_the_page() {
     person.waits();
     assert_eq!(person.reads("trouble"), "");
 
+    person.enters("protocol", "follow");
+    person.presses("record");
+    let followed = done(&person);
+    assert!(followed.starts_with("run2.csv: "), "{followed}");
+
     person.presses("upload");
     let uploaded = done(&person);
     assert!(uploaded.contains("stored and read back"), "{uploaded}");
 
-    person.presses("record");
-    let again = done(&person);
-    assert!(again.starts_with("run2.csv: "), "{again}");
+    for (protocol, file) in [("follow", "run3.csv: "), ("steps", "run4.csv: ")] {
+        person.enters("protocol", protocol);
+        person.presses("record");
+        let again = done(&person);
+        assert!(again.starts_with(file), "{again}");
+    }
     let sentence = person.reads("gap-sentence");
     assert!(sentence.contains("shrank"), "{sentence}");
     println!("{sentence}");
