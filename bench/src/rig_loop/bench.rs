@@ -356,6 +356,7 @@ mod tests {
                     before: Side { rms_deg: gaps.0 },
                     after: Side { rms_deg: gaps.1 },
                     sentence: String::new(),
+                    tracking: None,
                 },
             }),
         }

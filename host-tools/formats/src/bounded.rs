@@ -183,6 +183,8 @@ pub fn refuse_pipe(path: &Path) -> Result<(), InputError> {
             .in_file(path));
         }
     }
+    #[cfg(not(unix))]
+    let _ = path;
     Ok(())
 }
 

@@ -271,6 +271,8 @@ impl Pending {
             .write_all(bytes)
             .map_err(|error| fail(&error))?;
         if let Place::Beside(file, target) = &place {
+            #[cfg(not(unix))]
+            let _ = target;
             #[cfg(unix)]
             {
                 use std::os::unix::fs::PermissionsExt;

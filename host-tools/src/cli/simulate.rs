@@ -170,7 +170,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .iter()
             .zip(measured)
             .skip(unscored)
-            .map(|(a, b)| a - b)
+            .map(|(simulated, measured): (&f64, &f64)| simulated - measured)
             .collect();
         let rmse = softrig::statistics::rms(&error);
         result.rmse_deg = Some(rmse);

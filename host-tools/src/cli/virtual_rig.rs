@@ -3,7 +3,7 @@
 //! The simulator has another licence, so it runs as a separate program: its output is
 //! passed on, and it is told to end when this program is.
 
-use std::io::{BufRead, BufReader, IsTerminal, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -321,6 +321,7 @@ fn pass_on(simulator: ChildStdin) -> Arc<Mutex<ChildStdin>> {
 /// Whether what is typed is for this program; a pipe always is.
 #[cfg(unix)]
 fn is_in_front() -> bool {
+    use std::io::IsTerminal;
     !std::io::stdin().is_terminal()
         || rustix::termios::tcgetpgrp(std::io::stdin())
             .is_ok_and(|front| front == rustix::process::getpgrp())

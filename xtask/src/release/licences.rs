@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{cannot, copy, make, sysroot, write as write_text};
+use super::{cannot, copy, is_of_musl, make, sysroot, write as write_text};
 use crate::{
     shell::{Outcome, cargo, read, root},
     web,
@@ -20,6 +20,10 @@ const OF_THE_IMAGE: [(&str, &str); 2] = [
     ("avr-libc", "/usr/share/doc/avr-libc/copyright"),
     ("libgcc", "/usr/share/doc/gcc-avr/copyright"),
 ];
+
+/// The licence of glibc, where Debian keeps it. It asks that a program can be linked with another
+/// version of it: the sources of this one are public, and build with one command.
+const OF_GLIBC: &str = "/usr/share/doc/libc6/copyright";
 
 /// The C library of a static program, which no package of Rust's names.
 const MUSL: &str = "\
@@ -118,7 +122,11 @@ pub fn write(folder: &Path, target: &str, firmware: bool) -> Outcome {
     make(folder)?;
     let page = of("The program softrig", PROGRAM, target)?;
     write_text(&folder.join("softrig.txt"), &page)?;
-    write_text(&folder.join("musl.txt"), MUSL)?;
+    if is_of_musl(target) {
+        write_text(&folder.join("musl.txt"), MUSL)?;
+    } else {
+        copy(Path::new(OF_GLIBC), &folder.join("glibc.txt"))?;
+    }
     // Rust's own library and what is in it.
     let library = sysroot()?.join("share/doc/rust/COPYRIGHT-library.html");
     if library.is_file() {

@@ -2,8 +2,9 @@
 //!
 //! The program is linked statically against musl, so that one file runs on every Linux of its
 //! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
-//! the only C libraries, zstd and SQLite, are compiled against the headers of musl. As a test, the archive is
-//! unpacked and run in an otherwise empty folder. The page for a browser is placed beside it, and
+//! the only C libraries, zstd and SQLite, are compiled against the headers of musl. Where that library
+//! cannot be fetched, the C library of this computer is linked in its place, statically too. As a test,
+//! the archive is unpacked and run in an otherwise empty folder. The page for a browser is placed beside it, and
 //! the wheel of the Python package, for systems like this one.
 //!
 //! The virtual rig is not in the archive, because it links simavr, which is GPL, and dynamic
@@ -16,12 +17,14 @@ use std::{
     env, fs,
     path::{Path, PathBuf},
     process::Command,
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use crate::{
     avr, python, setup,
-    shell::{self, Outcome, Steps, cargo, has_program, read, root, run, seconds, target_dir},
+    shell::{
+        self, Outcome, Steps, cargo, has_program, read, read_within, root, run, seconds, target_dir,
+    },
     web,
 };
 
@@ -30,6 +33,9 @@ const DEFAULT_TARGET: &str = "x86_64-unknown-linux-musl";
 
 /// Targets of a static build. Only the first was tried.
 const TARGETS: [&str; 2] = [DEFAULT_TARGET, "aarch64-unknown-linux-musl"];
+
+/// How long fetching a library of Rust may take: 30 MB.
+const FETCH_LIMIT: Duration = Duration::from_secs(180);
 
 /// Name of the board's image in the archive.
 const IMAGE: &str = "softrig-mega2560";
@@ -144,12 +150,14 @@ pub fn release(options: &Options) -> Outcome {
     } else {
         steps.skip("the board's image", "--no-firmware was given");
     }
-    for target in &options.targets {
-        let mut program = PathBuf::new();
+    for asked in &options.targets {
+        let (mut program, mut target) = (PathBuf::new(), String::new());
         steps.step("build softrig", || {
-            program = build(target)?;
+            target = available(asked)?;
+            program = build(&target)?;
             Ok(())
         })?;
+        let target = target.as_str();
         let stem = format!("softrig-{}-{target}", env!("CARGO_PKG_VERSION"));
         let staged = folder.join(&stem);
         steps.step("put the archive together", || {
@@ -232,6 +240,10 @@ fn plan(options: &Options) -> Outcome {
     for target in &options.targets {
         if !has_library(target)? {
             println!("release: would run rustup target add {target}");
+            if runs_here(target) {
+                let own = of_this_computer();
+                println!("release: would build for {own}, static too, if that fails");
+            }
         }
         let compiler = c_compiler(target);
         if !has_program(&compiler) {
@@ -301,33 +313,65 @@ fn c_compiler(target: &str) -> String {
     format!("{processor}-linux-musl-gcc")
 }
 
-/// `cargo build` for a target with Rust's own linker.
+/// The target of this computer's own C library.
+fn of_this_computer() -> String {
+    format!("{}-unknown-linux-gnu", env::consts::ARCH)
+}
+
+/// Whether a target's C library is musl.
+fn is_of_musl(target: &str) -> bool {
+    target.ends_with("musl")
+}
+
+/// The target itself, if Rust's library for it is here or can be fetched. Otherwise that of this
+/// computer, where its programs run too.
+fn available(target: &str) -> Outcome<String> {
+    if has_library(target)? {
+        return Ok(target.into());
+    }
+    let mut fetch = Command::new("rustup");
+    match read_within(fetch.args(["target", "add", target]), FETCH_LIMIT) {
+        Ok(_) => Ok(target.into()),
+        Err(failure) if runs_here(target) => {
+            let own = of_this_computer();
+            println!(
+                "  Rust's library for {target} cannot be fetched ({failure}): built for {own}, with the C library of this computer, static too"
+            );
+            Ok(own)
+        }
+        Err(failure) => Err(format!(
+            "{failure}\n  Rust's library for {target} is missing: `rustup target add {target}`, with access to Rust's servers"
+        )
+        .into()),
+    }
+}
+
+/// `cargo build` of a static program for a target.
 fn build_command(target: &str) -> Command {
     let name = target.replace('-', "_");
-    let linker = format!("CARGO_TARGET_{}_LINKER", name.to_uppercase());
+    // Where the sources are is nobody's business, and differs from build to build.
+    let mut flags = format!("--remap-path-prefix={}=softrig", root().display());
     let mut command = cargo();
     command
         .args(["build", "--release", "--locked", "-p", "softrig-cli"])
-        .args(["--features", "lab", "--target", target])
-        .env(linker, "rust-lld")
-        .env(format!("CC_{name}"), c_compiler(target))
-        // Where the sources are is nobody's business, and differs from build to build.
-        .env(
-            "RUSTFLAGS",
-            format!("--remap-path-prefix={}=softrig", root().display()),
-        );
+        .args(["--features", "lab", "--target", target]);
+    if is_of_musl(target) {
+        let linker = format!("CARGO_TARGET_{}_LINKER", name.to_uppercase());
+        command
+            .env(linker, "rust-lld")
+            .env(format!("CC_{name}"), c_compiler(target));
+    } else {
+        flags += " -Ctarget-feature=+crt-static";
+    }
+    command.env("RUSTFLAGS", flags);
     command
 }
 
 /// Builds `softrig` for a target and checks that it is static.
 fn build(target: &str) -> Outcome<PathBuf> {
-    if !has_library(target)? {
-        let added = run(Command::new("rustup").args(["target", "add", target]));
-        added.map_err(|failure| {
-            format!("{failure}\n  Rust's library for {target} is missing: `rustup target add {target}`, with access to static.rust-lang.org")
-        })?;
+    if is_of_musl(target) {
+        setup::musl_gcc(&c_compiler(target))?;
     }
-    setup::musl_gcc(&c_compiler(target))?;
     run(&mut build_command(target))?;
     let program = target_dir().join(target).join("release/softrig");
     let bytes = fs::read(&program).map_err(|error| cannot("read", &program, &error))?;
