@@ -202,6 +202,7 @@ mod tests {
         let meta: Meta = toml::from_str(&about.to_text()).unwrap();
         let expected = Meta {
             protocol: about.protocol,
+            segments: about.segments,
             repeat: about.repeat,
             setpoint_deg: about.setpoint_deg,
             simulated: about.simulated,
