@@ -69,6 +69,12 @@ impl PictureArgs {
     ///
     /// If it has no such panels, or the file cannot be written.
     pub(crate) fn write(&self, path: &std::path::Path, figure: &Figure) -> Result<(), InputError> {
-        plot::write(path, figure, &self.look())
+        if let Some(height_mm) = plot::write(path, figure, &self.look())? {
+            super::warn(&format!(
+                "{}: is {height_mm:.0} mm high, more than a page; choose with --panels, or --runs where there is one",
+                path.display()
+            ));
+        }
+        Ok(())
     }
 }

@@ -70,5 +70,6 @@ pub fn draw(
     given: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<()> {
     let look = look(given)?;
-    py.detach(|| write(path, figure, &look)).or_raise(py)
+    // How high it is on paper, whoever draws it sees.
+    py.detach(|| write(path, figure, &look)).or_raise(py).map(drop)
 }

@@ -3,13 +3,13 @@
 //! Headings wrap, legends have different heights, and the axes of one column have to
 //! line up. So all positions are computed first, in pixels, before anything is drawn.
 
-use super::Figure;
 use super::axis::drawable;
 use super::canvas::{Anchor, Canvas, Medium, TextLook};
 use super::panel::Placed;
 use super::rectangle::Rectangle;
 use super::style::Colour;
 use super::text::{LEADING, SUBTITLE_PX, TITLE_PX, Weight, wrap};
+use super::{Figure, Panel};
 
 /// The narrowest and the widest picture.
 pub(super) const WIDTHS_PX: (f64, f64) = (240.0, 4000.0);
@@ -52,15 +52,21 @@ impl Layout {
 
         let columns = figure.columns.clamp(1, figure.panels.len().max(1));
         let column_width = (text_room - COLUMN_GAP * (columns - 1) as f64) / columns as f64;
+        let heights: Vec<f64> = figure
+            .panels
+            .chunks(columns)
+            .map(|row| row_height * weight_of(row))
+            .collect();
+        // Axes of one column start at the same place, so that a shared abscissa lines up.
+        let mut gutters = vec![0.0; columns];
+        for (place, panel) in figure.panels.iter().enumerate() {
+            let gutter: &mut f64 = &mut gutters[place % columns];
+            *gutter = gutter.max(Placed::gutter(panel, heights[place / columns]));
+        }
         let mut panels: Vec<Placed> = Vec::new();
         let count = figure.panels.len();
         for (row_index, row) in figure.panels.chunks(columns).enumerate() {
-            let weight = row
-                .iter()
-                .map(|panel| panel.weight)
-                .filter(|w| drawable(*w) && *w > 0.0)
-                .fold(0.0, f64::max);
-            let plot_height = row_height * if weight > 0.0 { weight.min(10.0) } else { 1.0 };
+            let plot_height = heights[row_index];
             let mut placed: Vec<Placed> = row
                 .iter()
                 .enumerate()
@@ -70,7 +76,7 @@ impl Layout {
                     Placed::of(
                         panel,
                         figure,
-                        (left, column_width),
+                        (left + gutters[column], left + column_width),
                         plot_height,
                         column % columns,
                         lowest || !figure.shared_x,
@@ -91,19 +97,6 @@ impl Layout {
             top += header + plot_height + footer + ROW_GAP;
             panels.append(&mut placed);
         }
-        // Axes of one column start at the same place, so that a shared abscissa
-        // lines up.
-        for column in 0..columns {
-            let left = panels
-                .iter()
-                .skip(column)
-                .step_by(columns)
-                .map(|panel| panel.area.left)
-                .fold(0.0, f64::max);
-            for panel in panels.iter_mut().skip(column).step_by(columns) {
-                panel.area.left = left;
-            }
-        }
         Self {
             width,
             height: (top - ROW_GAP).max(0.0) + MARGIN,
@@ -111,6 +104,11 @@ impl Layout {
             subtitle,
             panels,
         }
+    }
+
+    /// Its height over its width.
+    pub(super) fn aspect(&self) -> f64 {
+        self.height / self.width
     }
 
     pub(super) fn draw(&self, figure: &Figure, canvas: &mut Canvas) {
@@ -136,6 +134,49 @@ impl Layout {
         }
         for (placed, panel) in self.panels.iter().zip(&figure.panels) {
             placed.draw(panel, canvas);
+        }
+    }
+}
+
+/// The height of a row, in usual rows: that of its highest panel.
+fn weight_of(row: &[Panel]) -> f64 {
+    let weights = row.iter().map(|panel| panel.weight);
+    let highest = weights
+        .filter(|weight| drawable(*weight) && *weight > 0.0)
+        .fold(0.0, f64::max);
+    if highest > 0.0 {
+        highest.min(10.0)
+    } else {
+        1.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plot::{Series, Style};
+
+    /// Numbers of one panel push the axes of all panels of its column aside, and legends wrap where
+    /// they end then.
+    #[test]
+    fn a_legend_stays_within_the_axes_of_its_column() {
+        let panel = |largest: f64| {
+            let labels = ["measured", "refitted", "repaired"];
+            labels
+                .iter()
+                .fold(Panel::new("time (s)", "angle (°)"), |panel, label| {
+                    let line = Series::new(*label, &[0.0, 1.0], &[0.0, largest], Style::AFTER);
+                    panel.with_series(line)
+                })
+        };
+        for width in [300.0, 320.0, 340.0, 360.0, 380.0] {
+            let mut figure = Figure::new("")
+                .with_panel(panel(1.0))
+                .with_panel(panel(123_456.0));
+            (figure.columns, figure.width_px) = (1, width);
+            for placed in &Layout::of(&figure).panels {
+                assert!(placed.room_beside_legend() >= 0.0, "{width}");
+            }
         }
     }
 }

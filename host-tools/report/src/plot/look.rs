@@ -16,7 +16,7 @@ use softrig_formats::formats::binary::WITH_LAB;
 use softrig_formats::numbers::short;
 
 use super::canvas::{Medium, Size};
-use super::layout::WIDTHS_PX;
+use super::layout::{Layout, WIDTHS_PX};
 use super::text::{LABEL_PX, Weight, text_width};
 use super::{Figure, Panel, drawn};
 
@@ -27,6 +27,9 @@ const PT_PER_INCH: f64 = 72.0;
 
 /// Dots of an inch in a PNG whose width is a length on paper.
 const DOTS_PER_INCH: f64 = 300.0;
+
+/// What a page of A4 holds between its margins (mm).
+const PAGE_MM: f64 = 250.0;
 
 /// Type on paper (pt) where only the width is given: what most journals ask for.
 const FONT_PT: f64 = 8.0;
@@ -372,13 +375,13 @@ fn resized(mut figure: Figure, width: f64) -> Figure {
 }
 
 /// Draws a figure and writes it in the format of its extension, replacing an existing file only when
-/// the new one is complete.
+/// the new one is complete. Returns its height on paper (mm) if that is more than a page holds.
 ///
 /// # Errors
 ///
 /// If the extension is none of a picture, if the program has no such format, if the figure has no such
 /// panels, or if the folder is missing or not writable.
-pub fn write(path: &Path, figure: &Figure, look: &Look) -> Result<(), InputError> {
+pub fn write(path: &Path, figure: &Figure, look: &Look) -> Result<Option<f64>, InputError> {
     let format = Format::of(path)?;
     format.check(path)?;
     let (figure, size) = look.of(figure, format)?;
@@ -402,7 +405,12 @@ pub fn write(path: &Path, figure: &Figure, look: &Look) -> Result<(), InputError
         }
         _ => Ok(svg.into_bytes()),
     };
-    write_atomically(path, &printed.map_err(|error| error.in_file(path))?)
+    write_atomically(path, &printed.map_err(|error| error.in_file(path))?)?;
+    let height_mm = size.filter(|it| it.asked.unit != Unit::Px).map(|size| {
+        let aspect = Layout::of(&figure).aspect();
+        size.asked.inches() * MM_PER_INCH * aspect
+    });
+    Ok(height_mm.filter(|height| *height > PAGE_MM))
 }
 
 /// Pixels across a PNG, and how many an inch.

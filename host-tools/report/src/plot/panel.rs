@@ -38,36 +38,45 @@ pub(super) struct Placed {
     labelled_x: bool,
 }
 
+/// The ordinate of a panel, and its label in lines.
+fn ordinate(panel: &Panel, plot_height: f64) -> (Axis, Vec<String>) {
+    let values = panel
+        .series
+        .iter()
+        .flat_map(|s| s.y.iter().chain(&s.upper))
+        .chain(&panel.levels)
+        .copied()
+        .chain(panel.cells.iter().flat_map(|cell| [cell.y.0, cell.y.1]));
+    let axis = Axis::over(values, panel.y_range, 0.05, plot_height, 42.0);
+    (
+        axis,
+        wrap(&panel.y_label, LABEL_PX, Weight::Regular, plot_height),
+    )
+}
+
 impl Placed {
+    /// The width that label and numbers of the ordinate take.
+    pub(super) fn gutter(panel: &Panel, plot_height: f64) -> f64 {
+        let (y, label) = ordinate(panel, plot_height);
+        label.len() as f64 * LABEL_PX * LEADING + 6.0 + y.label_width() + 8.0
+    }
+
+    /// A panel between `left` and `right`, whose axes begin there.
     pub(super) fn of(
         panel: &Panel,
         figure: &Figure,
-        (left, width): (f64, f64),
+        (left, right): (f64, f64),
         plot_height: f64,
         column: usize,
         labelled_x: bool,
     ) -> Self {
         let columns = figure.columns.clamp(1, figure.panels.len().max(1));
-        let y = Axis::over(
-            panel
-                .series
-                .iter()
-                .flat_map(|s| s.y.iter().chain(&s.upper))
-                .chain(&panel.levels)
-                .copied()
-                .chain(panel.cells.iter().flat_map(|cell| [cell.y.0, cell.y.1])),
-            panel.y_range,
-            0.05,
-            plot_height,
-            42.0,
-        );
-        let y_label = wrap(&panel.y_label, LABEL_PX, Weight::Regular, plot_height);
-        let gutter = y_label.len() as f64 * LABEL_PX * LEADING + 6.0 + y.label_width() + 8.0;
+        let (y, y_label) = ordinate(panel, plot_height);
         let area = Rectangle {
-            left: left + gutter,
+            left,
             top: 0.0,
             // Half of the last tick's number hangs over the edge.
-            right: left + width - 14.0,
+            right: right - 14.0,
             bottom: plot_height,
         };
         let shares_x: Vec<&Panel> = if figure.shared_x {
@@ -126,6 +135,13 @@ impl Placed {
             y_label,
             labelled_x,
         }
+    }
+
+    /// What the widest row of the legend leaves of the width of the axes.
+    #[cfg(test)]
+    pub(super) fn room_beside_legend(&self) -> f64 {
+        let rows = self.legend.iter().map(|row| legend_width(row));
+        self.area.right - self.area.left - rows.fold(0.0, f64::max)
     }
 
     pub(super) fn header_height(&self) -> f64 {
