@@ -71,5 +71,7 @@ pub fn draw(
 ) -> PyResult<()> {
     let look = look(given)?;
     // How high it is on paper, whoever draws it sees.
-    py.detach(|| write(path, figure, &look)).or_raise(py).map(drop)
+    py.detach(|| write(path, figure, &look))
+        .or_raise(py)
+        .map(drop)
 }
