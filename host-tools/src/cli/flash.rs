@@ -88,7 +88,11 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 
 /// The image of the archive that this program is from.
 fn beside() -> Result<PathBuf, InputError> {
-    let program = std::env::current_exe().ok();
+    // Without /proc, as in an empty root, nobody knows but who started it.
+    let called = || std::env::args_os().next().map(PathBuf::from);
+    let program = std::env::current_exe()
+        .ok()
+        .or_else(|| called().filter(|path| path.is_absolute()));
     let folder = program.as_deref().and_then(Path::parent);
     folder
         .map(|folder| folder.join(BESIDE))
