@@ -137,7 +137,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         setpoint_deg,
     } = drive;
     let degrees = || recording.angle.iter().map(|a| a.to_degrees()).collect();
-    let measured_deg = is_measured.then(degrees);
+    let measured_deg: Option<Vec<f64>> = is_measured.then(degrees);
 
     let name = if args.linear {
         format!("{}, linear rival", file.name)
@@ -170,7 +170,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             .iter()
             .zip(measured)
             .skip(unscored)
-            .map(|(simulated, measured): (&f64, &f64)| simulated - measured)
+            .map(|(simulated, measured)| simulated - measured)
             .collect();
         let rmse = softrig::statistics::rms(&error);
         result.rmse_deg = Some(rmse);
