@@ -292,45 +292,31 @@ pub fn upload_repaired(programs: &Programs, board: &Board, folder: &Folder) -> C
     command
 }
 
-/// Records a session into `before/run.csv` or `after/run.csv`.
-pub fn record(programs: &Programs, board: &Board, folder: &Folder, when: &str) -> Command {
+/// Plays a protocol into a file of `before` or `after`.
+fn played(programs: &Programs, board: &Board, protocol: &str, file: &Path) -> Command {
     let mut command = programs.rig();
     command
-        .args(["record", "--port", &board.port, "--protocol", PROTOCOL])
+        .args(["record", "--port", &board.port, "--protocol", protocol])
         .arg("-o")
-        .arg(folder.file(when).join("run.csv"));
+        .arg(file);
     command
+}
+
+/// Records a session into `before/run.csv` or `after/run.csv`.
+pub fn record(programs: &Programs, board: &Board, folder: &Folder, when: &str) -> Command {
+    played(
+        programs,
+        board,
+        PROTOCOL,
+        &folder.file(when).join("run.csv"),
+    )
 }
 
 /// Lets the board follow set-points in closed loop, into `before/follow.csv` or `after/follow.csv`.
 pub fn follow(programs: &Programs, board: &Board, folder: &Folder, when: &str) -> Command {
-    let mut command = programs.rig();
-    command
-        .args([
-            "record",
-            "--port",
-            &board.port,
-            "--protocol",
-            CLOSED_LOOP,
-            "--clear",
-        ])
-        .arg("-o")
-        .arg(folder.file(when).join("follow.csv"));
-    command
-}
-
-/// Compares how the board followed set-points before and after.
-pub fn tracking(programs: &Programs, folder: &Folder) -> Command {
-    let mut command = programs.rig();
-    command
-        .arg("gap")
-        .arg(folder.file("before/follow.csv"))
-        .arg("--after")
-        .arg(folder.file("after/follow.csv"))
-        .arg("--json")
-        .arg(folder.file("follow.json"))
-        .arg("--plot")
-        .arg(folder.file("follow.svg"));
+    let file = folder.file(when).join("follow.csv");
+    let mut command = played(programs, board, CLOSED_LOOP, &file);
+    command.arg("--clear");
     command
 }
 
@@ -348,15 +334,25 @@ pub fn diagnose(programs: &Programs, folder: &Folder) -> Command {
     command
 }
 
-/// Compares what the board predicted before and after with what it measured.
-pub fn gap(programs: &Programs, folder: &Folder) -> Command {
+/// `softrig gap` of two recordings of one name, into a JSON of `name`.
+fn compared(programs: &Programs, folder: &Folder, recording: &str, name: &str) -> Command {
     let mut command = programs.rig();
     command
         .arg("gap")
-        .arg(folder.file("before/run.csv"))
+        .arg(folder.file("before").join(recording))
         .arg("--after")
-        .arg(folder.file("after/run.csv"))
+        .arg(folder.file("after").join(recording))
         .arg("--json")
-        .arg(folder.file("gap.json"));
+        .arg(folder.file(name));
     command
+}
+
+/// Compares what the board predicted before and after with what it measured.
+pub fn gap(programs: &Programs, folder: &Folder) -> Command {
+    compared(programs, folder, "run.csv", "gap.json")
+}
+
+/// Compares how the board followed set-points before and after.
+pub fn tracking(programs: &Programs, folder: &Folder) -> Command {
+    compared(programs, folder, "follow.csv", "follow.json")
 }

@@ -69,13 +69,7 @@ impl Measurand {
 
     /// The symbol of its unit: `°`, `mm`.
     pub fn symbol(&self) -> &'static str {
-        match self.unit {
-            AngleUnit::Deg | AngleUnit::Rad => "°",
-            AngleUnit::Mm => "mm",
-            AngleUnit::Cm => "cm",
-            AngleUnit::Um => "µm",
-            AngleUnit::Mv => "mV",
-        }
+        self.unit().trim_start()
     }
 
     /// The unit as it stands behind a number: `°` at once, others after a blank.

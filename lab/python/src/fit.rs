@@ -15,7 +15,7 @@ use softrig_cli::cli::fit::table;
 use softrig_cli::cli::output::{self, FileKind, Output};
 use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::{ModelFile, parameter_unit, parameters, to_file_units};
-use softrig_formats::numbers::{short, tidy};
+use softrig_formats::numbers::{counted, short, tidy};
 use softrig_report::pictures::{DrawnRun, NOMINAL, figure_of_drawn, left_out, named};
 use softrig_report::plot::{Figure, Style};
 
@@ -409,21 +409,12 @@ impl Fit {
             format!(
                 "{} fitted to {}",
                 self.parts.name,
-                plural(self.parts.runs.len())
+                counted(self.parts.runs.len(), "run")
             ),
             format!("RMS error: {nominal}{unit} as supplied, {fitted}{unit} fitted"),
             &measurand,
             &drawn.collect::<Vec<_>>(),
         )
-    }
-}
-
-/// So many runs.
-fn plural(runs: usize) -> String {
-    if runs == 1 {
-        "one run".to_owned()
-    } else {
-        format!("{runs} runs")
     }
 }
 

@@ -141,7 +141,9 @@ fn demo(args: &Args) -> Result<(), String> {
         run(gap(programs, &folder)
             .arg("--plot")
             .arg(folder.file("gap.svg")))?;
-        run(&mut tracking(programs, &folder))?;
+        run(tracking(programs, &folder)
+            .arg("--plot")
+            .arg(folder.file("follow.svg")))?;
         folder.gap()
     })?;
     steps.step("stop the virtual rig", || board.stop())?;

@@ -365,9 +365,8 @@ pub fn zeros_in(text: &str, path: &Path) -> Result<BoardZeros, InputError> {
     })
 }
 
-/// One line: the zeros of one session, or the range over several. Empty if there are none.
 impl Zeros {
-    /// A sentence about them; empty where there are none.
+    /// One line: the zeros of one session, or the range over several. Empty if there are none.
     pub fn sentence(&self, measurand: &Measurand) -> String {
         let range = |values: &[f64], unit: &str| {
             let low = values.iter().copied().fold(f64::INFINITY, f64::min);

@@ -231,11 +231,8 @@ impl Guesses {
 
     /// What an effect is worth in a view that ranks.
     fn gain(&self, kind: Kind, view: usize) -> Option<f64> {
-        let guesses = self.of_kind(kind).iter();
-        guesses
-            .filter(|it| it.view == view)
-            .map(|it| it.gain)
-            .reduce(f64::max)
+        let mut guesses = self.of_kind(kind).iter();
+        guesses.find(|it| it.view == view).map(|it| it.gain)
     }
 
     /// Whether no view that ranks tells two effects apart: along this motion they push alike.
@@ -258,10 +255,7 @@ impl Guesses {
             let mut all: Vec<(f64, Kind)> = self
                 .each
                 .iter()
-                .filter_map(|(kind, guesses)| {
-                    let own = guesses.iter().find(|guess| guess.view == view)?;
-                    Some((own.gain, *kind))
-                })
+                .filter_map(|(kind, _)| Some((self.gain(*kind, view)?, *kind)))
                 .collect();
             all.sort_by(|a, b| b.0.total_cmp(&a.0));
             all.into_iter().map(|(_, kind)| kind).collect::<Vec<Kind>>()
