@@ -54,11 +54,6 @@ pub fn fit(error: f64, spread: f64) -> String {
     format!("{:.decimals$} %", 100.0 * share).replace('-', "−")
 }
 
-/// An angle (rad) in degrees.
-pub fn degrees(radians: f64) -> String {
-    format!("{}°", short(radians.to_degrees()))
-}
-
 /// Three significant digits.
 pub fn short(value: f64) -> String {
     digits(value, 3)

@@ -245,12 +245,14 @@ fn read(files: &[PathBuf], layout: &Layout) -> Result<String, InputError> {
         };
         let _ = writeln!(
             text,
-            "{}: {} samples over {} s, pressure {} kPa, angle {}°",
+            "{}: {} samples over {} s, pressure {} kPa, {} {}{}",
             path.display(),
             recording.len(),
             short(recording.duration()),
             range(&recording.pressure, PASCAL_PER_KPA),
+            recording.measurand.name(),
             range(&recording.angle, 1f64.to_radians()),
+            recording.measurand.unit(),
         );
         for remark in recording.remarks(warnings) {
             let _ = writeln!(text, "  {remark}");

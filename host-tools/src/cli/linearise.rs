@@ -13,7 +13,9 @@ use super::model::ModelArgs;
 use super::output::{self, FileKind, Output};
 use super::picture::PictureArgs;
 use softrig::linear::{Linear, Pole, angle_under};
+use softrig_formats::columns::{AngleUnit, Quantity};
 use softrig_formats::error::{InputError, write_atomically};
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{exact, short, tidy};
 use softrig_formats::recording::PASCAL_PER_KPA;
@@ -34,9 +36,9 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
-    /// The rest: an angle (deg, rad) or the pressure that holds it (kpa)
+    /// The rest: an angle (deg, rad), an output in its unit (mm, cm, um, mv) or the pressure that holds it (kpa)
     #[arg(long, value_name = "30deg")]
-    at: Rest,
+    at: At,
     /// Draw the Bode plot
     #[arg(long, value_name = "BODE.svg|pdf|png")]
     plot: Option<PathBuf>,
@@ -52,6 +54,13 @@ pub struct Args {
 /// The first words in the header of every file that it writes as code.
 pub(super) const WRITTEN_BY: &str = "Written by `softrig linearise`";
 
+/// The rest as it is asked for, and what the output is by its unit: without one, a bending angle.
+#[derive(Clone, Debug, PartialEq)]
+struct At {
+    rest: Rest,
+    measurand: Measurand,
+}
+
 /// Where the actuator rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rest {
@@ -61,30 +70,39 @@ pub enum Rest {
     Pressure(f64),
 }
 
-impl FromStr for Rest {
+impl FromStr for At {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let advice = || {
+        let wrong = || {
             format!(
-                "\"{text}\" is no angle and no pressure; write it with its unit: 30deg, 0.5rad or 45kpa"
+                "\"{text}\" has no known unit; write the rest with its unit: 30deg, 0.5rad, 12mm or 45kpa"
             )
         };
-        let lower = text.trim().to_ascii_lowercase();
-        let number = |end: &str| -> Option<f64> {
-            let number: f64 = lower.strip_suffix(end)?.trim_end().parse().ok()?;
-            number.is_finite().then_some(number)
-        };
-        let angle = number("deg")
-            .or_else(|| number("°"))
-            .map(f64::to_radians)
-            .or_else(|| number("rad"));
-        match (angle, number("kpa")) {
-            (Some(angle), _) if angle.abs() <= std::f64::consts::PI => Ok(Self::Angle(angle)),
-            (Some(_), _) => Err("an actuator bends by 180° at most".to_owned()),
-            (None, Some(pressure)) => Ok(Self::Pressure(pressure * PASCAL_PER_KPA)),
-            (None, None) => Err(advice()),
+        let lower = text.trim().to_lowercase().replace('°', "deg");
+        let digits = lower.trim_end_matches(char::is_alphabetic);
+        let unit = lower[digits.len()..].replace('µ', "u");
+        let number = digits
+            .trim_end()
+            .parse()
+            .ok()
+            .filter(|it: &f64| it.is_finite());
+        let number = number.ok_or_else(wrong)?;
+        if unit == "kpa" {
+            return Ok(Self {
+                rest: Rest::Pressure(number * PASCAL_PER_KPA),
+                measurand: Measurand::default(),
+            });
         }
+        let unit: AngleUnit = unit.parse().map_err(|_| wrong())?;
+        let angle = (number * unit.degrees()).to_radians();
+        if unit.is_of_angle() && angle.abs() > std::f64::consts::PI {
+            return Err("an actuator bends by 180° at most".to_owned());
+        }
+        Ok(Self {
+            rest: Rest::Angle(angle),
+            measurand: Measurand::of(Quantity::Angle.column(), Some(unit)),
+        })
     }
 }
 
@@ -189,14 +207,15 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     )?;
     let language = args.output.as_deref().map(Language::of).transpose()?;
     let file = super::read_model(&model)?;
-    let (linear, result) = Linearised::at(&file, args.at)?;
-    let mut text = result.text();
+    let (linear, result) = Linearised::at(&file, args.at.rest)?;
+    let measurand = &args.at.measurand;
+    let mut text = result.text(measurand);
     if let Some(path) = &args.plot {
-        args.picture.write(path, &result.bode(&linear))?;
+        args.picture.write(path, &result.bode(&linear, measurand))?;
         text += &format!("\npicture: {}\n", path.display());
     }
     if let Some((path, language)) = args.output.as_ref().zip(language) {
-        write_atomically(path, result.code(language).as_bytes())?;
+        write_atomically(path, result.code(language, measurand).as_bytes())?;
         text += &format!("\nwritten: {}\n", path.display());
     }
     args.json.deliver(&result, &text)
@@ -284,20 +303,22 @@ impl Linearised {
     }
 
     /// Where it rests.
-    fn rest(&self) -> String {
+    fn rest(&self, measurand: &Measurand) -> String {
         format!(
-            "{} at rest at {}° under {} kPa",
+            "{} at rest at {}{} under {} kPa",
             self.model,
             short(self.angle_deg),
+            measurand.unit(),
             short(self.pressure_kpa)
         )
     }
 
-    fn text(&self) -> String {
+    fn text(&self, measurand: &Measurand) -> String {
         let mut text = format!(
-            "{}; the sensor shows {}°.\n",
-            self.rest(),
-            short(self.reading_deg)
+            "{}; the sensor shows {}{}.\n",
+            self.rest(measurand),
+            short(self.reading_deg),
+            measurand.unit()
         );
         if !self.left_out.is_empty() {
             text += &format!(
@@ -332,7 +353,7 @@ impl Linearised {
         }
         text.push('\n');
         if let Some(gain) = self.steady_gain_deg_per_kpa {
-            text += &format!("steady gain  {} °/kPa\n", short(gain));
+            text += &format!("steady gain  {} {}/kPa\n", short(gain), measurand.symbol());
         } else {
             text += "steady gain  none: something integrates, or a motion grows\n";
         }
@@ -353,7 +374,7 @@ impl Linearised {
     }
 
     /// Magnitude and phase over the frequency.
-    fn bode(&self, linear: &Linear) -> Figure {
+    fn bode(&self, linear: &Linear, measurand: &Measurand) -> Figure {
         let frequencies = Linear::frequencies(linear.span(), 600);
         let [mut places, mut magnitude, mut phase] = [const { Vec::<f64>::new() }; 3];
         let mut turned = 0.0;
@@ -377,17 +398,19 @@ impl Linearised {
                 .with_title(title)
                 .with_series(Series::new("", &places, values, Style::AFTER))
         };
+        let level = format!("magnitude (dB re 1 {}/kPa)", measurand.symbol());
         Figure::new(format!("Small motions of {}", self.model))
             .with_subtitle(format!(
-                "{}; from the pressure to what the angle sensor shows",
-                self.rest()
+                "{}; from the pressure to what the {} sensor shows",
+                self.rest(measurand),
+                measurand.name()
             ))
-            .with_panel(panel("Magnitude", "magnitude (dB re 1 °/kPa)", &magnitude))
+            .with_panel(panel("Magnitude", &level, &magnitude))
             .with_panel(panel("Phase", "phase (°)", &phase))
     }
 
     /// The state space as a program.
-    fn code(&self, language: Language) -> String {
+    fn code(&self, language: Language, measurand: &Measurand) -> String {
         let (comment, between) = match language {
             Language::Python => ("#", "],\n              ["),
             Language::Matlab => ("%", ";\n     "),
@@ -404,8 +427,10 @@ impl Linearised {
         let c = row(&self.c);
         let delay = exact(self.delay_s);
         let about = format!(
-            "{comment} {WRITTEN_BY}: {}.\n{comment} Input: gauge pressure (kPa), output: what the angle sensor shows (deg), both from the rest on.\n{comment} States: {}.\n",
-            self.rest().replace(['\n', '\r'], " "),
+            "{comment} {WRITTEN_BY}: {}.\n{comment} Input: gauge pressure (kPa), output: what the {} sensor shows ({}), both from the rest on.\n{comment} States: {}.\n",
+            self.rest(measurand).replace(['\n', '\r'], " "),
+            measurand.name(),
+            measurand.suffix(),
             self.states.join(", ")
         );
         match language {
@@ -427,14 +452,19 @@ mod tests {
 
     #[test]
     fn a_rest_is_read_with_its_unit() {
-        assert_eq!("30deg".parse(), Ok(Rest::Angle(30f64.to_radians())));
-        assert_eq!("30 °".parse(), Ok(Rest::Angle(30f64.to_radians())));
-        assert_eq!("0.5rad".parse(), Ok(Rest::Angle(0.5)));
-        assert_eq!("45kPa".parse(), Ok(Rest::Pressure(45_000.0)));
-        for wrong in ["30", "", "deg", "nandeg", "30psi"] {
-            let error = wrong.parse::<Rest>().unwrap_err();
-            assert!(error.contains("30deg, 0.5rad or 45kpa"), "{error}");
+        let rest = |text: &str| text.parse::<At>().map(|it| (it.rest, it.measurand.label()));
+        let angle =
+            |degrees: f64, label: &str| Ok((Rest::Angle(degrees.to_radians()), label.to_owned()));
+        assert_eq!(rest("30deg"), angle(30.0, "angle (°)"));
+        assert_eq!(rest("30 °"), angle(30.0, "angle (°)"));
+        assert_eq!(rest("12.5 mm"), angle(12.5, "output (mm)"));
+        assert_eq!(rest("900µm"), angle(900.0, "output (µm)"));
+        assert_eq!(rest("0.5rad").unwrap().0, Rest::Angle(0.5));
+        assert_eq!(rest("45kPa").unwrap().0, Rest::Pressure(45_000.0));
+        for wrong in ["30", "", "deg", "nandeg", "infkpa", "1e999kpa", "30psi"] {
+            let error = rest(wrong).unwrap_err();
+            assert!(error.contains("30deg, 0.5rad, 12mm or 45kpa"), "{error}");
         }
-        assert!("900deg".parse::<Rest>().unwrap_err().contains("180°"));
+        assert!(rest("900deg").unwrap_err().contains("180°"));
     }
 }

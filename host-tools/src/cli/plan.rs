@@ -29,6 +29,7 @@ use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::{Play, Protocol, play};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::family::names;
+use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{evidence, tidy};
 use softrig_formats::own_effects::OwnEffects;
@@ -109,6 +110,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&model, &args.recordings, &args.input)?;
+    let measurand = recordings
+        .first()
+        .map_or_else(Measurand::default, |it| it.measurand.clone());
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,
@@ -124,10 +128,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     )?;
     let best = &list[0];
     let mut text = format!(
-        "To tell {} from {}, with {:.2}° of noise:\n\n{:<20} {:>6} {:>12} {:>12}  {}\n",
+        "To tell {} from {}, with {} of noise:\n\n{:<20} {:>6} {:>12} {:>12}  {}\n",
         plan.between[0].join(" + "),
         plan.between[1].join(" + "),
-        plan.noise_deg,
+        measurand.value(plan.noise_deg.to_radians()),
         "protocol",
         "s",
         "work (min)",

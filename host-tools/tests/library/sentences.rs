@@ -7,7 +7,7 @@ use softrig::diagnose::decide::verdict::Strength::{self, Explains, Part};
 use softrig::diagnose::{Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::family::Family;
-use softrig_formats::numbers::degrees;
+use softrig_formats::measurand::Measurand;
 use softrig_report::content::sentence;
 
 use super::steps;
@@ -91,7 +91,11 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
         closest: vec![explanation(&[Leak])],
     };
     let floor = &plain.floor;
-    let noise = format!("{} ({})", degrees(floor.rms), floor.source());
+    let noise = format!(
+        "{} ({})",
+        Measurand::default().value(floor.rms),
+        floor.source()
+    );
     for (finding, expected) in [
         (
             quiet(false),

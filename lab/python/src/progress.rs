@@ -39,7 +39,7 @@ impl Progress {
             share: state.share,
             elapsed_s: state.elapsed.as_secs_f64(),
             remaining_s: state.remaining().map(|left| left.as_secs_f64()),
-            best: state.best.as_ref().map(ToString::to_string),
+            best: state.best_explanation(),
             line: state.to_string(),
         }
     }

@@ -429,7 +429,7 @@ async function first(recordings, withBeam) {
   const material = withBeam ? $("material").value : "";
   if (some === 3 && material === "") throw new Fault({ text: "Dimensions need a material: choose one, or leave the dimensions out." });
   const found = await ask({ ask: "first_model", layout: layout(), recordings, material, dimensions_mm: some === 3 ? all : null });
-  const said = [found.rmse_deg === null ? "Nothing in it was measured yet." : `It follows the recordings to ${found.rmse_deg}° (RMS).`,
+  const said = [found.rmse === null ? "Nothing in it was measured yet." : `It follows the recordings to ${found.rmse} (RMS).`,
     ...(found.explains_little ? ["That explains little of the motion: check the columns and units."] : []), ...found.warnings];
   await put("model.toml", new TextEncoder().encode(found.model).buffer);
   remarks = said;

@@ -501,7 +501,7 @@ impl Desk {
         Ok(json!({
             "model": text,
             "warnings": warnings,
-            "rmse_deg": first.evidence.as_ref().map(|it| short(it.rms.to_degrees())),
+            "rmse": first.evidence.as_ref().map(|it| it.measurand.value(it.rms)),
             "explains_little": first.evidence.as_ref().is_some_and(Evidence::explains_little),
         }))
     }
@@ -825,10 +825,11 @@ mod tests {
             })
         };
         let first = asked(&mut Desk::default(), &beam(false)).unwrap();
-        assert_eq!(first["rmse_deg"], Value::Null);
+        assert_eq!(first["rmse"], Value::Null);
         let mut desk = with_example(&["step60_1", "step90_1"]);
         let first = asked(&mut desk, &beam(true)).unwrap();
-        let rmse: f64 = first["rmse_deg"].as_str().unwrap().parse().unwrap();
+        let rmse = first["rmse"].as_str().unwrap();
+        let rmse: f64 = rmse.trim_end_matches('°').parse().unwrap();
         assert!((0.1..5.0).contains(&rmse), "{rmse}");
         assert!(first["model"].as_str().unwrap().contains("step90_1.csv"));
     }

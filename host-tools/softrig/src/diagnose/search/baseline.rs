@@ -64,6 +64,7 @@ impl Baseline {
         let supplied = fitter.compare(nominal);
         // A simulation that diverges misses by nothing that means anything.
         let misses = Some(supplied.rmse()).filter(|it| *it < FAR * data.largest_angle());
+        job.progress.shows(data.measurand());
         job.progress.knows(|known| known.supplied = misses);
         let Refitted {
             refit,

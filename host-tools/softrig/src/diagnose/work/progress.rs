@@ -13,8 +13,8 @@ use model_core::catalogue::Kind;
 
 use crate::diagnose::work::policy::Policy;
 use softrig_formats::instant::Instant;
-use softrig_formats::numbers::duration;
-use softrig_formats::numbers::{degrees, percent};
+use softrig_formats::measurand::Measurand;
+use softrig_formats::numbers::{duration, percent};
 
 /// Reports on the work of a diagnosis, or on the cases of a batch of them. Any thread may report.
 #[derive(Debug)]
@@ -132,6 +132,7 @@ struct Now {
     done: usize,
     known: Known,
     best: Option<Best>,
+    measurand: Measurand,
 }
 
 /// What is known before a fit explains anything.
@@ -182,6 +183,8 @@ pub struct State {
     pub known: Known,
     /// The best explanation so far.
     pub best: Option<Best>,
+    /// Name and unit of the output, in which errors are shown.
+    pub measurand: Measurand,
 }
 
 impl Default for Progress {
@@ -199,6 +202,7 @@ impl Default for Progress {
                 done: 0,
                 known: Known::default(),
                 best: None,
+                measurand: Measurand::default(),
             }),
         }
     }
@@ -246,6 +250,11 @@ impl Progress {
         now.stage = Stage::Reading;
     }
 
+    /// Says what the output is, in whose unit errors are shown.
+    pub fn shows(&self, measurand: Measurand) {
+        self.now().measurand = measurand;
+    }
+
     /// Notes what is known before a fit explains anything.
     pub fn knows(&self, note: impl FnOnce(&mut Known)) {
         note(&mut self.now().known);
@@ -286,6 +295,7 @@ impl Progress {
             share: now.share(),
             known: now.known,
             best: now.best.clone(),
+            measurand: now.measurand.clone(),
         }
     }
 
@@ -339,25 +349,23 @@ impl Best {
             std::cmp::Ordering::Less => further * left[0] < left[1],
         }
     }
-}
 
-impl fmt::Display for Best {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // As the verdict names them.
+    /// In words, with the effects as the verdict names them.
+    fn said(&self, measurand: &Measurand) -> String {
         let effects: Vec<&str> = self.kinds.iter().map(|kind| kind.info().title).collect();
-        let effects = effects.join(" and ");
-        write!(f, "{effects}, leaves {}", degrees(self.leaves))?;
+        let leaves = measurand.value(self.leaves);
+        let mut text = format!("{}, leaves {leaves}", effects.join(" and "));
         if let Some(of) = self.of {
-            write!(f, " of {}", degrees(of))?;
+            text += &format!(" of {}", measurand.value(of));
         }
-        match self.explains {
-            Some(share) => write!(
-                f,
-                " on validation runs, explains {}",
-                percent(share.max(0.0))
-            ),
-            None => f.write_str(" on fitted runs, not yet validated"),
-        }
+        text += &match self.explains {
+            Some(share) => {
+                let share = percent(share.max(0.0));
+                format!(" on validation runs, explains {share}")
+            }
+            None => " on fitted runs, not yet validated".to_owned(),
+        };
+        text
     }
 }
 
@@ -398,17 +406,23 @@ impl State {
         text
     }
 
+    /// The best explanation so far, if there is one.
+    pub fn best_explanation(&self) -> Option<String> {
+        self.best.as_ref().map(|best| best.said(&self.measurand))
+    }
+
     /// The best explanation so far, or what is known before there is one.
     pub fn best_so_far(&self) -> String {
-        if let Some(best) = &self.best {
+        if let Some(best) = self.best_explanation() {
             return format!("best so far: {best}");
         }
+        let value = |misses| self.measurand.value(misses);
         let mut text = match (self.known.refit, self.known.supplied) {
-            (Some(refit), _) => format!("so far: refitted, the model misses by {}", degrees(refit)),
+            (Some(refit), _) => format!("so far: refitted, the model misses by {}", value(refit)),
             (None, Some(supplied)) => {
                 format!(
                     "so far: as supplied, the model misses by {}",
-                    degrees(supplied)
+                    value(supplied)
                 )
             }
             (None, None) => return "no explanation so far".into(),
@@ -562,6 +576,7 @@ mod tests {
                 of: Some(1.214_f64.to_radians()),
                 explains: Some(0.712),
             }),
+            measurand: Measurand::default(),
         };
         assert_eq!(
             state.to_string(),
@@ -608,8 +623,12 @@ mod tests {
             explains: None,
         };
         assert_eq!(
-            coarse.to_string(),
+            coarse.said(&Measurand::default()),
             "gravity, leaves 0.573° on fitted runs, not yet validated"
+        );
+        assert_eq!(
+            coarse.said(&Measurand::of_column("position_mm")),
+            "gravity, leaves 0.573 mm on fitted runs, not yet validated"
         );
     }
 
