@@ -10,8 +10,8 @@ use crate::{
 /// What `flash` was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options<'a> {
-    /// The serial port.
-    pub port: &'a str,
+    /// The serial port; without one `softrig flash` looks for the board.
+    pub port: Option<&'a str>,
     /// Whether to show afterwards what the board says.
     pub console: bool,
     /// Whether to stop before anything is written.
@@ -21,22 +21,25 @@ pub struct Options<'a> {
 impl<'a> Options<'a> {
     /// Reads the words after `flash`.
     pub fn parse(words: &[&'a str]) -> Result<Self, String> {
-        let mut port = None;
         let mut options = Self {
-            port: "",
+            port: None,
             console: true,
             dry_run: false,
         };
         let mut words = words.iter();
         while let Some(&word) = words.next() {
             match word {
-                "--port" | "-P" => port = words.next().copied(),
+                "--port" | "-P" => {
+                    let port = words
+                        .next()
+                        .ok_or("flash: --port needs a name: `cargo rig ports` lists them")?;
+                    options.port = Some(port);
+                }
                 "--no-console" => options.console = false,
                 "--dry-run" => options.dry_run = true,
                 other => return Err(format!("flash does not know {other:?}")),
             }
         }
-        options.port = port.ok_or("flash needs --port PORT: `cargo rig ports` lists them")?;
         Ok(options)
     }
 }
@@ -47,9 +50,13 @@ pub fn flash(options: Options<'_>) -> Outcome {
     avr::gates(&image)?;
     avr::print_size(&image)?;
     run(cargo().args(["build", "-q", "--release", "--locked", "-p", "softrig-cli"]))?;
-    let rig = target_dir().join("release/softrig");
-    let mut write = Command::new(&rig);
-    write.args(["flash", "--port", options.port]);
+    let softrig = |command: &str| {
+        let mut softrig = Command::new(target_dir().join("release/softrig"));
+        softrig.arg(command);
+        softrig.args(options.port.iter().flat_map(|port| ["--port", port]));
+        softrig
+    };
+    let mut write = softrig("flash");
     write.arg(avr::hex(&image));
     if options.dry_run {
         return run(write.arg("--dry-run"));
@@ -59,7 +66,7 @@ pub fn flash(options: Options<'_>) -> Outcome {
         return Ok(());
     }
     println!("the board says (Ctrl-C ends):");
-    run(Command::new(rig).args(["monitor", "--port", options.port]))
+    run(&mut softrig("monitor"))
 }
 
 #[cfg(test)]
@@ -72,16 +79,17 @@ mod tests {
         assert_eq!(
             options,
             Options {
-                port: "/dev/x",
+                port: Some("/dev/x"),
                 console: false,
                 dry_run: true
             }
         );
         assert!(Options::parse(&["--prot", "/dev/x"]).is_err());
+        assert_eq!(Options::parse(&[]).unwrap().port, None);
         assert!(
             Options::parse(&["--port"])
                 .unwrap_err()
-                .contains("needs --port")
+                .contains("needs a name")
         );
     }
 }

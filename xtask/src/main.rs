@@ -43,9 +43,8 @@ Usage: cargo xtask <TASK> [OPTIONS]
 
 Tasks:
   setup [--for PURPOSE] [--dry-run]
-                         install what is missing for the demo, the tests (the
-                         default) or `cargo run` in firmware/: demo, tests,
-                         cargo-run
+                         install what is missing for the demo or for the tests
+                         (the default): demo, tests
   demo [--seed N] [--effect KIND] [--cast FILE.svg]
                          simulate, diagnose, repair; says where the picture is;
                          --cast draws the terminal as a picture that moves
@@ -115,7 +114,7 @@ Tasks:
                          coverage; all targets share the time
   miri                   the wire and the settings store in the interpreter
                          that finds undefined behaviour; installs a nightly
-  flash --port PORT [--no-console] [--dry-run]
+  flash [--port PORT] [--no-console] [--dry-run]
                          put the image on a board and show what it says
   release [--target TRIPLE] [--with FILE] [--no-firmware] [--no-web]
        [--no-wheel] [--dry-run]

@@ -4,7 +4,7 @@
 //! the library source that avr-none is built from, avr-gcc as its linker, and simavr. The tests
 //! add avrdude, which the virtual rig has to understand, Python, which runs exported models and the
 //! package, a linker for WebAssembly, which makes the page, Chromium, which looks at reports and the
-//! page, and mdBook, which makes the book. Only `cargo run` in firmware/ takes ravedude.
+//! page, and mdBook, which makes the book.
 //! Each is looked for first, so that a second run does nothing.
 
 use std::{
@@ -41,8 +41,6 @@ pub enum Purpose {
     Demo,
     /// All tests, which include the demo's loop.
     Tests,
-    /// `cargo run` in firmware/, which flashes a board.
-    CargoRun,
 }
 
 impl Purpose {
@@ -50,7 +48,6 @@ impl Purpose {
         match word {
             "demo" => Some(Self::Demo),
             "tests" => Some(Self::Tests),
-            "cargo-run" => Some(Self::CargoRun),
             _ => None,
         }
     }
@@ -71,7 +68,7 @@ pub fn parse(words: &[&str]) -> Result<(Purpose, Mode), String> {
                 purpose = words
                     .next()
                     .and_then(|word| Purpose::parse(word))
-                    .ok_or("setup: --for takes demo, tests or cargo-run")?;
+                    .ok_or("setup: --for takes demo or tests")?;
             }
             _ => return Err(format!("setup: there is no option {word}")),
         }
@@ -91,7 +88,7 @@ struct Need {
 const NEEDS: &[Need] = &[
     Need {
         what: "a C compiler",
-        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Demo, Purpose::Tests],
         present: || has_program("cc"),
         debian: &["gcc", "libc6-dev"],
     },
@@ -103,19 +100,19 @@ const NEEDS: &[Need] = &[
     },
     Need {
         what: "pkg-config",
-        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Demo, Purpose::Tests],
         present: || has_program("pkg-config"),
         debian: &["pkg-config"],
     },
     Need {
         what: "avr-gcc with binutils",
-        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Demo, Purpose::Tests],
         present: || has_program("avr-gcc") && has_program("avr-nm") && has_program("avr-size"),
         debian: &["gcc-avr", "binutils-avr"],
     },
     Need {
         what: "avr-libc",
-        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Demo, Purpose::Tests],
         // Without the library avr-gcc answers with the bare name.
         present: || {
             read(Command::new("avr-gcc").args(["-mmcu=atmega2560", "-print-file-name=libm.a"]))
@@ -125,13 +122,13 @@ const NEEDS: &[Need] = &[
     },
     Need {
         what: "simavr with headers",
-        purposes: &[Purpose::Demo, Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Demo, Purpose::Tests],
         present: || read(Command::new("pkg-config").args(["--exists", "simavr >= 1.6"])).is_ok(),
         debian: &["libsimavr-dev", "libelf-dev"],
     },
     Need {
         what: "avrdude",
-        purposes: &[Purpose::Tests, Purpose::CargoRun],
+        purposes: &[Purpose::Tests],
         present: || has_program("avrdude"),
         debian: &["avrdude"],
     },
@@ -146,15 +143,6 @@ const NEEDS: &[Need] = &[
         purposes: &[Purpose::Tests],
         present: || chromium().is_some(),
         debian: &["chromium"],
-    },
-    Need {
-        what: "libudev with headers, for ravedude",
-        purposes: &[Purpose::CargoRun],
-        present: || {
-            has_program("ravedude")
-                || read(Command::new("pkg-config").args(["--exists", "libudev"])).is_ok()
-        },
-        debian: &["libudev-dev"],
     },
 ];
 
@@ -211,9 +199,6 @@ fn find_or_install(what: &str, debian: &[&str], present: impl Fn() -> bool) -> O
     .into())
 }
 
-/// The version of ravedude that was tried.
-const RAVEDUDE: &str = "0.2.2";
-
 /// The version of mdBook that was tried.
 const MDBOOK: &str = "0.5.4";
 
@@ -241,8 +226,7 @@ pub fn setup(purpose: Purpose, mode: Mode) -> Outcome {
     let missing: Vec<&Need> = missing(purpose).collect();
     let linked = avr::is_linked();
     let book = purpose == Purpose::Tests && mdbook().is_none();
-    let runner = purpose == Purpose::CargoRun && !has_program("ravedude");
-    if missing.is_empty() && linked && !book && !runner {
+    if missing.is_empty() && linked && !book {
         println!("setup: nothing to do ({})", seconds(started.elapsed()));
         return Ok(());
     }
@@ -293,9 +277,6 @@ pub fn setup(purpose: Purpose, mode: Mode) -> Outcome {
     if book {
         build_mdbook(mode)?;
     }
-    if runner {
-        ravedude(mode)?;
-    }
     if mode == Mode::DryRun {
         println!("setup: dry run, nothing was changed");
         return Ok(());
@@ -320,18 +301,6 @@ fn missing(purpose: Purpose) -> impl Iterator<Item = &'static Need> {
     NEEDS
         .iter()
         .filter(move |need| need.purposes.contains(&purpose) && !(need.present)())
-}
-
-/// Builds ravedude, the runner behind `cargo run` in firmware/.
-fn ravedude(mode: Mode) -> Outcome {
-    let began = Instant::now();
-    let mut command = shell::cargo();
-    command.args(["install", "ravedude", "--version", RAVEDUDE, "--locked"]);
-    if mode == Mode::Install {
-        run_quietly(&mut command, INSTALL_LIMIT)?;
-    }
-    report(mode, &shell::text(&command), began);
-    Ok(())
 }
 
 /// Builds mdBook without its web server and without optimisation, which takes about a minute of

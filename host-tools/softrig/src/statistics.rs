@@ -1,19 +1,10 @@
 //! Statistics of sampled signals: medians, autocorrelation and noise estimates.
 
+use statrs::statistics::{Data, OrderStatistics};
+
 /// The median; NaN for an empty slice. Reorders `values`.
 pub fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let middle = values.len() / 2;
-    let odd = values.len() % 2 == 1;
-    let (below, upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    let upper = *upper;
-    if odd {
-        return upper;
-    }
-    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    f64::midpoint(lower, upper)
+    Data::new(values).median()
 }
 
 /// Whether two values are the same to the last digit.
