@@ -275,7 +275,7 @@ impl Choice {
     }
 
     /// cargo on what is to be run. On all crates at once: of some of them alone it would ask their
-    /// dependencies for fewer features, and compile most of them once more, docs/decisions/0058.
+    /// dependencies for fewer features, and compile most of them once more, docs/decisions/history.md (58).
     fn packages(&self, command: &str) -> Command {
         let mut cargo = cargo();
         cargo.args([command, "--locked"]);
