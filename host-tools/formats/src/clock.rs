@@ -378,8 +378,7 @@ impl Finds {
             (
                 What::Restart,
                 self.restarts,
-                "as after a reset of the board; what follows is a run of its own, with an initial \
-                 state of its own",
+                "as after a board reset; the rest is a separate run with its own initial state",
             ),
         ];
         for (what, rows, text) in kinds {
@@ -550,7 +549,7 @@ impl Rebuilt {
             (
                 scattered,
                 format!(
-                    "they scatter about an even clock, by {:.0} % of its interval, and the motion is smoother along that clock",
+                    "they jitter about an even clock by {:.0} % of its interval, and the motion is smoother on that clock",
                     100.0 * scattered.together
                 ),
             ),
@@ -563,7 +562,7 @@ impl Rebuilt {
         if !self.ties.is_empty() {
             said.push(one(
                 &self.ties,
-                "equal to the one before and with other values; put between their neighbours"
+                "equal to the previous one, with other values; placed between neighbours"
                     .to_owned(),
             ));
         }

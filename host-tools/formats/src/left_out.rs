@@ -55,10 +55,7 @@ impl What {
     /// One of it and several, as the subject of a sentence.
     fn words(self) -> [&'static str; 2] {
         match self {
-            Self::BadLine => [
-                "line is no row of the table",
-                "lines are no rows of the table",
-            ],
+            Self::BadLine => ["line is malformed", "lines are malformed"],
             Self::RepeatedHeader => ["line repeats the header", "lines repeat the header"],
             Self::DuplicateRow => ["row is there twice", "rows are there twice"],
             Self::Restart => [
@@ -67,13 +64,13 @@ impl What {
             ],
             Self::Wrap => ["time the clock overflows", "times the clock overflows"],
             Self::MisplacedTime => [
-                "row has a time that fits to no other",
-                "rows have a time that fits to no other",
+                "row has an implausible time",
+                "rows have an implausible time",
             ],
             Self::Unsorted => ["row is out of order", "rows are out of order"],
             Self::RebuiltClock => [
-                "time is not when its sample was taken",
-                "times are not when their samples were taken",
+                "time does not match the sampling",
+                "times do not match the sampling",
             ],
             Self::ImpossiblePressure => ["pressure is impossible", "pressures are impossible"],
             Self::ImpossibleAngle => ["angle is impossible", "angles are impossible"],
@@ -246,7 +243,7 @@ mod tests {
         let four = LeftOut::new(What::BadLine, Path::new("a.csv"), places, "left out");
         assert_eq!(
             four.to_string(),
-            "a.csv: 4 lines are no rows of the table (line 5, line 6, line 7, …): left out"
+            "a.csv: 4 lines are malformed (line 5, line 6, line 7, …): left out"
         );
         let one = LeftOut::new(What::Restart, Path::new("a.csv"), ["line 5".into()], "cut");
         assert_eq!(

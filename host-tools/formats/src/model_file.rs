@@ -769,7 +769,7 @@ impl ModelReader<'_> {
         let item = section.get("of").ok_or_else(|| {
             self.toml.fail_at(
                 section.span(),
-                format!("{name} does not say of what it is"),
+                format!("{name} has no variable (of)"),
                 advice.clone(),
             )
         })?;
@@ -780,7 +780,7 @@ impl ModelReader<'_> {
                 let shown = item.to_string();
                 self.toml.fail_at(
                     item.span(),
-                    format!("of = {} is nothing that a table can be of", shown.trim()),
+                    format!("of = {} is not a variable of a table", shown.trim()),
                     advice,
                 )
             })?;
@@ -946,7 +946,7 @@ impl ModelReader<'_> {
                 .ok_or_else(|| {
                     self.toml.fail_at(
                         item.span(),
-                        format!("the tolerance of {name} is no number above zero"),
+                        format!("the tolerance of {name} is not above zero"),
                         ADVICE,
                     )
                 })?;

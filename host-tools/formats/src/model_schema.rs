@@ -173,7 +173,7 @@ fn recording() -> Value {
             "angle_zero_deg": { "type": "number", "description": "The angle at rest" },
             "flip_angle": { "type": "boolean" },
             "skip_rows": { "type": "integer", "minimum": 0 },
-            "setup": { "type": "object", "description": "How the rig stood" },
+            "setup": { "type": "object", "description": "Setup of the rig" },
         },
     })
 }

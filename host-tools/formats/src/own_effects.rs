@@ -733,7 +733,7 @@ fn memory(
     let (Some(follows), Some(time_constant)) = (text("follows"), text("time_constant")) else {
         return fail(
             item.span(),
-            format!("the memory {key} does not say what it follows, and how fast"),
+            format!("the memory {key} lacks follows or time_constant"),
             "write it as { follows = \"th\", time_constant = \"tau\" }, with a parameter tau in s",
         );
     };

@@ -50,7 +50,7 @@ fn setup() -> Value {
     );
     json!({
         "type": "object",
-        "description": "How the rig is to stand",
+        "description": "Required rig setup",
         "additionalProperties": false,
         "properties": properties,
     })

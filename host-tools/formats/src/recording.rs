@@ -415,7 +415,7 @@ impl Recording {
         match (self.meta.complete, self.meta.samples) {
             // Of these older versions said that they had no rows.
             (Some(false), _) => Some(format!(
-                "{path}: is not complete: {about} says that it ended before its protocol or its time did; its {} rows are used, and what would have come after is missing",
+                "{path}: is incomplete: according to {about} it ended before its protocol or its time; its {} rows are used",
                 self.len()
             )),
             (_, Some(samples)) if samples != self.len() as u64 => Some(format!(
@@ -579,7 +579,7 @@ impl Recording {
                     .map(|sample| self.place(sample));
                 let text = match what {
                     What::ImpossiblePressure | What::FrozenPressure => {
-                        "a straight line stands in their place; look at the sensor's cable and the logger"
+                        "replaced by a straight line; check the sensor's cable and the logger"
                     }
                     What::HeldPressure => "the pressure is sampled where it changes",
                     What::HeldAngle => "the angle is fitted where it changes",
@@ -668,7 +668,7 @@ pub fn recordings_among(
     {
         return Err(InputError::new(
             format!("{what}, and is no recording"),
-            "give the recording that it stands beside",
+            "give the recording it belongs to",
         )
         .in_file(path));
     }

@@ -54,7 +54,7 @@ pub enum NewPart {
 fn turn(tilt_deg: f64) -> String {
     let direction = if tilt_deg < 0.0 { "against" } else { "in" };
     format!(
-        "turn the base by {}° {direction} the direction in which the actuator bends",
+        "turn the base by {}° {direction} the bending direction",
         tilt_deg.abs()
     )
 }
@@ -248,8 +248,8 @@ mod tests {
         assert_eq!(Setup::default().instruction(), "");
         assert_eq!(
             given.instruction(),
-            "turn the base by 90° in the direction in which the actuator bends, hang 20 g at the \
-             tip, put in another angle sensor, then "
+            "turn the base by 90° in the bending direction, hang 20 g at the tip, put \
+             in another angle sensor, then "
         );
     }
 

@@ -143,7 +143,7 @@ fn warn_of_reach(plan: &Plan, settings: &Settings, operator: &mut dyn Operator) 
     let (least, most) = ends(plan.points.iter().copied());
     if !plan.lower_limits && most + BEYOND * (most - least) < limit {
         operator.warns(&format!(
-            "points up to {most}° will hardly reach the {limit}° at which the board stops the rig; bend further, or let the limits be lowered (--lower-limits)"
+            "points up to {most}° will hardly reach the {limit}° at which the board stops the rig; bend further, or use --lower-limits"
         ));
     }
 }
@@ -198,7 +198,7 @@ fn measure(
             return Ok(mean);
         }
         operator.says(&format!(
-            "  not steady: the counts moved by {:.1} in a second; hold still, and once more",
+            "  not steady: the counts moved by {:.1} in a second; hold still and try again",
             most - least
         ));
     }
@@ -255,7 +255,7 @@ pub fn check_angles(angles: &[f32]) -> Result<(), InputError> {
     }
     for (number, angle) in angles.iter().enumerate() {
         if !(-180.0..=360.0).contains(angle) {
-            return fault(format!("{angle} is no bending angle"));
+            return fault(format!("{angle} is out of range"));
         }
         if angles[..number]
             .iter()
@@ -278,7 +278,7 @@ fn check_table(points: &[Point]) -> Result<(), InputError> {
         if (if falling { -rise } else { rise }) < APART_COUNTS {
             return Err(InputError::new(
                 format!(
-                    "the flex sensor's counts do not go one way: {:.1} at {}° and {:.1} at {}°; nothing was changed",
+                    "the flex sensor's counts are not monotonic: {:.1} at {}° and {:.1} at {}°; nothing was changed",
                     pair[0].counts, pair[0].angle_deg, pair[1].counts, pair[1].angle_deg
                 ),
                 "measure again, and check that the sensor does not slip in its pocket",
@@ -444,7 +444,7 @@ mod tests {
             [500.0, 500.0, 500.0, 500.0],
         ] {
             let message = check_table(&points(&counts)).unwrap_err().to_string();
-            assert!(message.contains("one way"), "{message}");
+            assert!(message.contains("monotonic"), "{message}");
         }
     }
 

@@ -38,11 +38,11 @@ pub enum LinkError {
     },
     /// The firmware speaks another version of the protocol.
     #[error(
-        "{port}: the firmware speaks version {theirs} of the serial protocol and this rig version {VERSION}; {}",
+        "{port}: the firmware speaks version {theirs} of the serial protocol, softrig version {VERSION}; {}",
         if *.theirs < VERSION {
-            "flash the firmware of this rig with `softrig flash`"
+            "flash matching firmware with `softrig flash`"
         } else {
-            "update rig to the version of the firmware"
+            "update softrig to match the firmware"
         }
     )]
     OtherVersion {
@@ -78,7 +78,7 @@ pub enum LinkError {
     },
     /// A reply that makes no sense.
     #[error(
-        "{port}: the board answered `{command}` with \"{reply}\"; check that the firmware and this rig are of one version"
+        "{port}: the board answered `{command}` with \"{reply}\"; check that firmware and softrig have one version"
     )]
     Unexpected {
         /// The port.

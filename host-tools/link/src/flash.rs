@@ -79,12 +79,12 @@ impl Image {
     pub fn of(bytes: &[u8]) -> Result<Self, InputError> {
         if bytes.starts_with(b"\x7fELF") {
             return Err(InputError::new(
-                "is a program as the compiler leaves it (ELF), and a board takes Intel's format",
+                "is an ELF file, but a board takes Intel hex",
                 "give the .hex beside it; `avr-objcopy -O ihex -R .eeprom IMAGE.elf IMAGE.hex` makes one",
             ));
         }
         let text = std::str::from_utf8(bytes)
-            .map_err(|_| InputError::new("is no text in Intel's format", ADVICE))?;
+            .map_err(|_| InputError::new("is not an Intel hex file", ADVICE))?;
         Self::parse(text)
     }
 
@@ -99,9 +99,7 @@ impl Image {
         let mut is_ended = false;
         for (number, record) in (1..).zip(Reader::new(text)) {
             let wrong = |what: String| InputError::new(what, ADVICE).at_line(number);
-            match record
-                .map_err(|error| wrong(format!("is no line of Intel's format ({error})")))?
-            {
+            match record.map_err(|error| wrong(format!("is not an Intel hex record ({error})")))? {
                 Record::Data { offset, value } => {
                     let from = base + usize::from(offset);
                     let end = from + value.len();
@@ -126,9 +124,8 @@ impl Image {
         if !is_ended {
             return Err(InputError::new("ends in the middle", ADVICE));
         }
-        let checksum = checksum_of(&flash).ok_or_else(|| {
-            InputError::new("is no firmware of softrig, or not a whole one", ADVICE)
-        })?;
+        let checksum = checksum_of(&flash)
+            .ok_or_else(|| InputError::new("is not a complete softrig firmware", ADVICE))?;
         Ok(Self { flash, checksum })
     }
 
@@ -188,7 +185,7 @@ pub enum FlashError {
     },
     /// The bootloader did not do something.
     #[error(
-        "{port}: the bootloader did not {what}, asked {ATTEMPTS} times. The board has half of a program, which does not move anything: flash it again, with another cable if it happens twice"
+        "{port}: the bootloader did not {what}, asked {ATTEMPTS} times. The board holds an incomplete program, which moves nothing: flash it again, with another cable if it happens twice"
     )]
     NotDone {
         /// The port.
@@ -476,8 +473,8 @@ mod tests {
     fn what_is_no_text_is_told_what_is_wanted() {
         let said = |bytes: &[u8]| Image::of(bytes).unwrap_err().to_string();
         assert!(said(b"\x7fELF\x01\x01\x01").contains("give the .hex beside it"));
-        assert!(said(b"\xff\xfe").contains("is no text"));
-        assert!(said(b"hello").contains("is no line of Intel's format"));
+        assert!(said(b"\xff\xfe").contains("is not an Intel hex file"));
+        assert!(said(b"hello").contains("is not an Intel hex record"));
     }
 
     #[test]
@@ -489,9 +486,12 @@ mod tests {
             (format!("{stamp}:00\n{END}"), "line 2"),
             (
                 format!("{stamp}{}{END}", line(0, 0, &[1; 20])),
-                "not a whole one",
+                "not a complete softrig firmware",
             ),
-            (format!("{}{END}", line(0, 0, &[1; 20])), "no firmware"),
+            (
+                format!("{}{END}", line(0, 0, &[1; 20])),
+                "complete softrig firmware",
+            ),
             (
                 format!("{}{}{END}", line(0, 4, &[0, 3]), line(0xe000, 0, &[1])),
                 "beside the bootloader",

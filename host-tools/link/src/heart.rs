@@ -170,24 +170,24 @@ impl std::fmt::Display for Silence {
         if !self.unattended.is_zero() {
             write!(
                 f,
-                "softrig stood still for {:.0} s and no longer told the board that it is alive; look whether the terminal was stopped (Ctrl-Q lets it go on) or the disk is slow, and record to a local disk",
+                "softrig was blocked for {:.0} s and sent no heartbeat; check whether the terminal was stopped (Ctrl-Q resumes it) or the disk is slow, and record to a local disk",
                 self.unattended.as_secs_f64()
             )
         } else if too_long(self.longest) {
             write!(
                 f,
-                "softrig was not run by this computer for {longest:.1} s, and the board waits {patience:.1} s; close other programs, start softrig with `sudo` or the right to real-time priority (rtprio in /etc/security/limits.conf), or let the board wait longer (beat.s, with `softrig upload --settings`)"
+                "this computer did not schedule softrig for {longest:.1} s; the board waits {patience:.1} s; close other programs, start softrig with `sudo` or the right to real-time priority (rtprio in /etc/security/limits.conf), or let the board wait longer (beat.s, with `softrig upload --settings`)"
             )
         } else if too_long(self.by_its_clock) {
             write!(
                 f,
-                "the board's clock ran {:.1} s between two signs of life, which took {longest:.1} s here; run the simulated rig with `--speed realtime`",
+                "between two heartbeats {:.1} s passed on the board's clock and {longest:.1} s here; run the simulated rig with `--speed realtime`",
                 self.by_its_clock.as_secs_f64()
             )
         } else {
             write!(
                 f,
-                "softrig sent a sign of life at least every {longest:.2} s, and the board, which waits {patience:.1} s, did not hear them; check the cable and the hub it is in, and whether the computer was suspended"
+                "softrig sent a heartbeat at least every {longest:.2} s, but none reached the board within {patience:.1} s; check the cable, its hub, and whether the computer was suspended"
             )
         }
     }
@@ -425,10 +425,10 @@ mod tests {
         let (mut pulse, seen) = armed();
         assert_eq!(pulse.silence(&seen).longest, Duration::ZERO);
         assert!(pulse.turn(&at(seen, 1_500)));
-        assert!(said(&pulse, &at(seen, 1_700)).contains("did not hear them"));
+        assert!(said(&pulse, &at(seen, 1_700)).contains("none reached the board"));
         // Before this thread runs again, and after.
         let late = at(seen, 4_100);
-        assert!(said(&pulse, &late).contains("not run by this computer for 2.6 s"));
+        assert!(said(&pulse, &late).contains("did not schedule softrig for 2.6 s"));
         let stopped = Seen {
             armed: false,
             ..late
@@ -438,7 +438,7 @@ mod tests {
             armed: false,
             ..at(seen, 60_000)
         };
-        assert!(said(&pulse, &later).contains("for 2.6 s, and the board waits 2.0 s"));
+        assert!(said(&pulse, &later).contains("for 2.6 s; the board waits 2.0 s"));
         // It starts anew with the next run.
         assert!(!pulse.turn(&at(seen, 61_000)));
         assert_eq!(pulse.silence(&at(seen, 61_000)).longest, Duration::ZERO);

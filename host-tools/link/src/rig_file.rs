@@ -32,7 +32,7 @@ pub fn rig_file() -> &'static Path {
     }
     TOLD.call_once(|| {
         remark(&format!(
-            "{OLD_RIG_FILE} is read: its name is {RIG_FILE} now, rename it."
+            "Using {OLD_RIG_FILE}: rename it to {RIG_FILE}, its new name."
         ));
     });
     old
@@ -134,11 +134,11 @@ impl RigFile {
         }
         let found = match (&file.clock, &file.board) {
             (None, _) => return Ok(file),
-            (Some(_), None) => "has a clock, and no board whose it is".to_owned(),
+            (Some(_), None) => "has [clock] but does not name a board".to_owned(),
             // Written so that not-a-number is not one.
             (Some(clock), _) if (clock.factor - 1.0).abs() <= FARTHEST_RATE => return Ok(file),
             (Some(clock), _) => format!(
-                "the clock's factor is {}, and no board that can be read is farther from 1 than {FARTHEST_RATE}",
+                "the clock factor is {}; no readable board differs from 1 by more than {FARTHEST_RATE}",
                 clock.factor
             ),
         };

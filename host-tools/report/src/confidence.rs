@@ -46,10 +46,9 @@ impl Confidence {
         let label = self.label;
         match &self.half_widths {
             Ok(_) => format!(
-                "The faint band is where the {label} curve lies with 95 % confidence, sample by \
-                 sample, as far as its parameters are uncertain: derivatives of the simulation \
-                 times the covariance of the fit. Noise of the sensor and errors of the model \
-                 itself are not in it."
+                "The faint band is the pointwise 95 % confidence band of the {label} curve from \
+                 its parameter uncertainty: simulation sensitivities times the fit covariance. It \
+                 excludes sensor noise and model error."
             ),
             Err(reason) => format!("The {label} curves have no confidence band, for {reason}."),
         }

@@ -73,9 +73,9 @@ fn drawn<'a>(
             )
         };
         let note = if rest.is_empty() {
-            format!("The two runs go together by {how}.")
+            format!("The two runs are paired by {how}.")
         } else {
-            format!("{rest}runs go together by {how}.")
+            format!("{rest}runs are paired by {how}.")
         };
         return (
             Some(&before[first]),
@@ -228,7 +228,7 @@ mod tests {
         assert!(note.contains("by order"), "{note}");
         let (first, second, note) = chosen(&before[1..], &after[..1]);
         assert_eq!((first, second), pair("b", "x"));
-        assert_eq!(note, "The two runs go together by order.");
+        assert_eq!(note, "The two runs are paired by order.");
 
         // Other runs: said to be.
         for (before, after) in [

@@ -42,7 +42,7 @@ const FEATURES_DRAWN: usize = 4;
 const FEATURE_WORTH: f64 = 0.1;
 
 /// The note where the repaired model is not the best fit to whole runs.
-const HORIZON: &str = "The repaired model was fitted over a horizon shorter than whole runs, where it predicts validation runs best. The errors of the others on fitted runs are those of fits over whole runs, which are smaller there.";
+const HORIZON: &str = "The repaired model was fitted over the shorter horizon at which it predicts validation runs best. The others were fitted over whole runs, so their errors on fitted runs are smaller.";
 
 /// A picture with its caption.
 #[derive(Debug, Serialize)]
@@ -286,8 +286,8 @@ fn force_picture(gap: &Gap, shown: &[(usize, &str)]) -> Picture {
     picture(
         &force_figure(gap, shown),
         "Over the time of each recording".into(),
-        "The force that the refitted model lacks, estimated from the angle alone. Drawn are \
-         the runs that lack most."
+        "Missing force of the refitted model, estimated from the angle alone, in the runs where it \
+         is largest."
             .into(),
     )
 }
@@ -317,7 +317,7 @@ fn features(gap: &Gap) -> Vec<Picture> {
                     gap.measurand.named(feature.name, feature.unit).0
                 ),
                 format!(
-                    "It goes with {} of the missing force. Dots: single samples; line and band: \
+                    "It explains {} of the missing force. Dots: single samples; line and band: \
                      their mean and standard deviation.",
                     percent(feature.share)
                 ),
@@ -342,7 +342,7 @@ fn maps(gap: &Gap) -> Vec<Map> {
             let [across, up] =
                 [0, 1].map(|at: usize| gap.measurand.named(map.axes[at].name, map.axes[at].unit).0);
             let caption = format!(
-                "Mean missing force for each {across} and {up}; blank where the rig hardly ever was."
+                "Mean missing force for each {across} and {up}; blank where data are too sparse."
             );
             Map {
                 picture: picture(&figure, title.to_owned(), caption),

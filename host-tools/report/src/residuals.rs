@@ -95,8 +95,8 @@ impl Residuals {
                 None if white => ", and does not go with the pressure.".to_owned(),
                 // A slow residual hides its correlation with a slow input.
                 None => format!(
-                    "; with the pressure it has no more in common ({}) than chance gives signals \
-                     as slow as these.",
+                    "; its correlation with the pressure ({}) is within chance for signals this \
+                     slow.",
                     short(input.peak().map_or(0.0, |(_, peak)| peak.abs()))
                 ),
             },
@@ -119,9 +119,9 @@ impl Residuals {
         format!(
             "Simulated minus measured angle of {runs}, {samples} samples. First: its correlation \
              with itself a lag earlier; white noise stays within the grey band, ±1.96/√N, at 95 % \
-             of the lags. Second: its correlation with the pressure a lag earlier; the band of \
-             the same colour holds 95 % of what signals as slow as these have in common by \
-             chance. Beyond it at lags above zero are dynamics that the model lacks; below zero \
+             of the lags. Second: its correlation with the pressure a lag earlier; the band of the \
+             same colour holds 95 % of chance correlations between signals this slow. \
+             Beyond it at lags above zero are dynamics that the model lacks; below zero \
              the pressure follows the angle, as under a controller. (Residual analysis: Ljung, \
              System Identification, §16.6.)"
         )
@@ -144,7 +144,7 @@ impl Residuals {
                     .with_series(line(input));
             }
         }
-        let mut figures = vec![("Correlation of the residual with itself", own)];
+        let mut figures = vec![("Autocorrelation of the residual", own)];
         if !crossed.series.is_empty() {
             figures.push(("Correlation of the residual with the pressure", crossed));
         }
@@ -183,8 +183,8 @@ fn whiteness(own: &Correlation) -> Whiteness {
         Whiteness {
             is_white: true,
             text: format!(
-                "What is left is white ({share} of the lags lie outside of the band, where chance \
-                 alone puts 5 %)"
+                "What is left is white ({share} of the lags lie outside the band; 5 % do by \
+                 chance)"
             ),
         }
     } else if peak.abs() < FAINT {
@@ -204,7 +204,7 @@ fn whiteness(own: &Correlation) -> Whiteness {
         Whiteness {
             is_white: false,
             text: format!(
-                "What is left is not white: its correlation with itself is {} at {} s {memory}",
+                "What is left is not white: its autocorrelation is {} at {} s {memory}",
                 short(peak),
                 short(lag)
             ),
@@ -286,6 +286,6 @@ mod tests {
         let coloured = said(0.3, -0.4);
         assert!(coloured.contains("is not white"), "{coloured}");
         assert!(coloured.contains("and is not lost at any lag shown, and goes with"));
-        assert!(said(0.3, 0.01).contains("no more in common (0.0100) than chance"));
+        assert!(said(0.3, 0.01).contains("the pressure (0.0100) is within chance"));
     }
 }

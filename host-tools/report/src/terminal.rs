@@ -113,7 +113,7 @@ fn parameter(row: &ParameterRow) -> String {
 /// The title of the base parameters.
 fn base_title(answer: Answer) -> &'static str {
     if answer == Answer::NoDiscrepancy {
-        "Base parameters, kept → what a refit gives:"
+        "Base parameters, kept → refitted:"
     } else {
         "Base parameters, nominal → fitted:"
     }
@@ -224,7 +224,7 @@ fn written(content: &Content, outputs: &Outputs<'_>) -> Vec<String> {
         _ if outputs.named_only => "Refitted model, without any effect",
         _ if content.is_unchanged() => "Model, unchanged",
         Answer::EffectFound => "Repaired model",
-        _ if content.repaired => "Repaired model, without a name",
+        _ if content.repaired => "Repaired model (unnamed)",
         _ => "Refitted model",
     };
     let lines: Vec<String> = [

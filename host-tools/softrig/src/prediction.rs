@@ -254,14 +254,14 @@ impl StandIn {
 
 fn caveat(model: &str, column: &str, [rmse_deg, stand_in_deg]: [f64; 2], unit: &str) -> String {
     let poor = if stand_in_deg > rmse_deg {
-        ". It is farther from the predictions than these are from the rig: take the answer as a hint"
+        ". It misses the predictions by more than they miss the rig: take the answer as a hint"
     } else {
         ""
     };
     format!(
-        "the simulation behind {column} is {}{unit} RMS off the rig and itself unseen. {model}, fitted to its \
-         predictions with {}{unit} RMS, stands in for it, and the answer is the force on that model that \
-         leaves the same residual{poor}",
+        "the simulation behind {column} is {}{unit} RMS off the rig. {model}, fitted to its \
+         predictions with {}{unit} RMS, is diagnosed in its place: the answer is the force on it \
+         that leaves the same residual{poor}",
         short(rmse_deg),
         short(stand_in_deg)
     )

@@ -53,7 +53,7 @@ impl Case {
         if !is_name(&self.name) {
             return fail(
                 "case",
-                format!("{:?} is no name of a case", self.name),
+                format!("{:?} is not a case name", self.name),
                 "use letters, digits, '.', '_' and '-': it is the name of a folder",
             );
         }
@@ -134,7 +134,7 @@ impl Cases for List {
 }
 
 fn twice(name: &str) -> InputError {
-    let found = format!("{name} comes twice");
+    let found = format!("{name} is repeated");
     InputError::new(found, "give each case a name of its own").in_column("case")
 }
 

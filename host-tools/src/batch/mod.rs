@@ -201,7 +201,7 @@ impl Summary {
     pub fn warning(&self) -> Option<String> {
         let first = self.warned.first()?;
         Some(format!(
-            "{} of {} cases have recordings that are not complete or odd in another way; what was said of the first stands in {}",
+            "{} of {} cases have warnings about their recordings; those of the first are in {}",
             self.warned.len(),
             self.cases,
             first.display()
@@ -214,7 +214,7 @@ impl Summary {
         let (failed, cases) = (self.failed.len(), self.cases);
         Some(if first.exists() {
             format!(
-                "{failed} of {cases} cases could not be diagnosed; the first says why in {}",
+                "{failed} of {cases} cases could not be diagnosed; for the first, see {}",
                 first.display()
             )
         } else {

@@ -26,8 +26,8 @@ use softrig_link::{Link, SerialConnector, Timing, is_pseudo_terminal};
 
 /// Tests a new board and its rig, step by step, in some minutes.
 ///
-/// What moves nothing comes first. Every step says what it is for before it begins,
-/// what it measured and what that was held to, and what to do where it fails. Ctrl-C
+/// Steps without motion come first. Each step states its purpose before it begins, then its
+/// measurements with their limits, and a remedy if it fails. Ctrl-C
 /// leaves the rig stopped and vented.
 #[derive(Debug, Parser)]
 #[command(group(ArgGroup::new("rig_to_test").required(true).args(["port", "virtual_rig", "list"])))]
@@ -40,17 +40,17 @@ Examples:
   softrig commission --virtual --report practice.html
   softrig commission --virtual --fault leak
 
-The clock's factor goes into softrig.toml, by which `softrig record` corrects the times of this
-board. Exit code: 0 nothing failed, 1 a step failed, 2 the test could not be made.")]
+The clock factor goes into softrig.toml; `softrig record` corrects this board's times by it.
+Exit code: 0 no failure, 1 a step failed, 2 the test could not be run.")]
 #[allow(clippy::struct_excessive_bools)] // Flags, each with a name of its own.
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
-    /// Practise on a virtual rig, which this command starts and whose switches it presses
+    /// Practise on a virtual rig: this command starts it and presses its switches
     #[arg(long = "virtual", id = "virtual_rig", conflicts_with = "port")]
     virtual_rig: bool,
-    /// Let the virtual rig have this fault; brown-out, hang, deaf, power-cut and unplugged come
-    /// while telemetry is watched
+    /// Inject this fault into the virtual rig; brown-out, hang, deaf, power-cut and unplugged start
+    /// in the telemetry step
     #[arg(long, value_name = "KIND", requires = "virtual_rig")]
     fault: Option<String>,
     /// Seed of the virtual rig
@@ -59,19 +59,19 @@ pub struct Args {
     /// List the steps
     #[arg(long)]
     list: bool,
-    /// Make this step only; may be given several times
+    /// Run only this step; repeatable
     #[arg(long, value_name = "STEP", value_parser = step, conflicts_with = "skip")]
     only: Vec<Step>,
-    /// Leave this step out; may be given several times
+    /// Skip this step; repeatable
     #[arg(long, value_name = "STEP", value_parser = step)]
     skip: Vec<Step>,
-    /// Begin every step without asking; steps that need a person are left out
+    /// Run every step without prompting; skip steps that need a person
     #[arg(long)]
     yes: bool,
-    /// How long telemetry, clock and noise are watched, in seconds
+    /// Duration of telemetry, clock and noise tests, in seconds
     #[arg(long, value_name = "N", default_value_t = 60.0, value_parser = watch)]
     seconds: f64,
-    /// Write the result as a page that can be sent with a question
+    /// Write the result as a page to attach to a question
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// File that keeps the board's clock [default: softrig.toml]
@@ -359,7 +359,7 @@ impl Operator for Terminal {
         if self.companion.is_some() || self.agrees {
             self.pending = Some(Answer::Yes);
         } else if self.is_alone {
-            self.say("     Nobody is here to agree: --yes begins it all the same.");
+            self.say("     No terminal to confirm on: use --yes to run it.");
             self.pending = Some(Answer::Skip);
         } else {
             self.ask_person("     Enter begins, s skips, q ends.")?;

@@ -76,16 +76,15 @@ pub struct Args {
     /// every case of a batch
     #[arg(long, value_name = "EFFECTS.toml")]
     effects: Option<PathBuf>,
-    /// Try only effects that have a name, and no formulas where none of them is enough
+    /// Try named effects only; do not fall back on formulas
     #[arg(long)]
     no_formulas: bool,
-    /// Do not try these effects of the catalogue, or terms beyond it (term_…), as a check: what takes
-    /// their place?
+    /// Exclude these catalogue effects, or terms beyond it (term_…), to see what takes their place
     #[arg(long, value_name = "NAME,…", value_delimiter = ',', value_parser = effect_or_term)]
     #[arg(conflicts_with = "batch")]
     without: Vec<String>,
-    /// Diagnose a simulation of yours, whose angles are in this column of the recordings: COLUMN, or
-    /// COLUMN:rad. --model says what moves; fitted to those angles, it stands in for your simulation
+    /// Diagnose your own simulation, whose angles are in this column of the recordings: COLUMN, or
+    /// COLUMN:rad. The --model is fitted to those angles and diagnosed in its place
     #[arg(
         long,
         value_name = "COLUMN[:UNIT]",
@@ -95,10 +94,9 @@ pub struct Args {
     /// Validation recordings; without them, runs are left out in turn
     #[arg(long, num_args = 1.., value_name = "REC.csv")]
     holdout: Vec<PathBuf>,
-    /// Make the validation recordings a test: they choose nothing, and only so many of their first
-    /// samples say where they start; no zero, offset or state is fitted to the rest. rest: it
-    /// starts at rest at zero; period: it is one period of a steady state. One for all of them, or
-    /// one for each
+    /// Use the validation recordings as a test set: they do not affect the selection, their initial
+    /// state comes from this many first samples, and nothing is fitted to the rest. rest: starts at
+    /// rest at zero; period: one period of a steady state. One value for all, or one each
     #[arg(
         long,
         value_name = "SAMPLES|rest|period",
@@ -123,7 +121,7 @@ pub struct Args {
     /// the folder of all results
     #[arg(short, long, value_name = "REPAIRED.toml")]
     output: Option<PathBuf>,
-    /// Write with -o named effects only: where no effect is named, the refitted model
+    /// Make -o write named effects only; if none is named, the refitted model
     #[arg(long, requires = "output", conflicts_with = "batch")]
     named_only: bool,
     /// Diagnose every case of a manifest, each into its own folder below -o. Cases with
@@ -140,21 +138,19 @@ pub struct Args {
     /// Only every Nth case of the batch, starting with the Kth (from 0): one job of an array
     #[arg(long, value_name = "K/N", requires = "batch", value_parser = share)]
     share: Option<Share>,
-    /// How many cases of the batch are diagnosed at a time, each on its part of the threads; takes
-    /// as many times the memory
+    /// Number of cases diagnosed in parallel; they share the threads, and memory grows in
+    /// proportion
     #[arg(long, value_name = "N", requires = "batch", default_value = "1")]
     jobs: NonZero<usize>,
     /// Keep finished fits in this folder, and reuse those that are there
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
-    /// End the search after this time, such as 30s or 5min, with a verdict on what was tried
-    /// by then, which depends on the computer. Writing the verdict takes a little longer. For
-    /// a batch, the time of each case
+    /// Time limit of the search, such as 30s or 5min; per case in a batch. The verdict covers what
+    /// was tried by then, so it depends on the computer. Writing it takes a little longer
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
-    /// What a model may be off without it mattering, in degrees. Where less is left, nothing is
-    /// said to be missing. Without it, and in a batch, `tolerance_deg` of the metadata counts, or
-    /// 1 % of the range of the angle
+    /// Acceptable model error in degrees; smaller errors are not reported as missing effects.
+    /// Default, and in a batch: `tolerance_deg` of the metadata, or 1 % of the range of the angle
     #[arg(long, value_name = "DEG", conflicts_with = "batch", value_parser = positive)]
     tolerance: Option<f64>,
     /// Random seed
@@ -176,7 +172,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         (Some(manifest), Some(out)) => run_batch(args, manifest, out),
         (None, _) => run_one(args, &args.model.find()?),
         // The command line was checked for it.
-        _ => anyhow::bail!("name where the results of the batch go"),
+        _ => anyhow::bail!("name the results folder of the batch"),
     }
 }
 
@@ -188,8 +184,7 @@ fn effect_or_term(name: &str) -> Result<String, String> {
     }
     let names: Vec<&str> = Kind::NAMES.iter().map(|kind| kind.name()).collect();
     Err(format!(
-        "there is no such effect: give some of {}, or a term beyond the catalogue by its name in a \
-         verdict, term_…",
+        "unknown effect: give one of {}, or the name of a term from a verdict, term_…",
         names.join(", ")
     ))
 }
@@ -208,7 +203,7 @@ fn share(text: &str) -> Result<Share, String> {
         .and_then(|(index, of)| Some((index.parse().ok()?, of.parse().ok()?)));
     match numbers {
         Some((index, of)) if index < of => Ok(Share { index, of }),
-        _ => Err("give the number of the job, from 0, and of all jobs, such as 3/50".into()),
+        _ => Err("give the job number, from 0, and the number of jobs, such as 3/50".into()),
     }
 }
 
@@ -395,11 +390,9 @@ fn check_outputs(args: &Args, model: &PathBuf) -> Result<(), InputError> {
 fn go_on(resume: Option<&Path>) -> String {
     match resume {
         Some(folder) => format!(
-            "To go on, repeat the command: the fits kept in {} are not made again.",
+            "To continue, repeat the command: the fits in {} are reused.",
             folder.display()
         ),
-        None => {
-            "It would start anew: with --resume FOLDER, a diagnosis keeps finished fits.".into()
-        }
+        None => "Repeating starts over: use --resume FOLDER to keep finished fits.".into(),
     }
 }

@@ -8,7 +8,7 @@ use softrig_formats::formats::binary::WITH_LAB;
 #[derive(Debug, Parser)]
 #[command(after_help = "Examples:\n  softrig export --model repaired.toml --to c -o finger.c")]
 pub struct Args {
-    /// Whatever a build that has it takes
+    /// Arguments of a build with it
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     _words: Vec<String>,
 }

@@ -29,7 +29,7 @@ archive of a release. `cargo xtask flash` builds one first.")]
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
-    /// The image, in Intel's format
+    /// The image (Intel hex)
     #[arg(value_name = "IMAGE.hex")]
     image: Option<PathBuf>,
     /// Read the image, and write nothing

@@ -22,8 +22,8 @@ use softrig_report::gap::gap_figure;
 /// it measures, before and after an upload.
 ///
 /// The prediction is the column predicted_deg that `softrig record` writes: the board
-/// simulates its model from the measured pressure. Of a session, only the runs
-/// that its metadata lists count.
+/// simulates its model from the measured pressure. In a session, only runs listed in its metadata
+/// count.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:

@@ -21,11 +21,11 @@ use softrig_formats::recording::{PASCAL_PER_KPA, Recording, recordings_among};
 use softrig_formats::terminal::{printable_line, remark};
 use softrig_link::rig_file::RIG_FILE;
 
-/// Shows a file of other tools, asks which columns are what, and writes the answers down.
+/// Shows a file from another tool, asks what its columns are, and saves the answers.
 ///
 /// It shows the first rows and a small picture of each column, and guesses. Two questions follow:
-/// the columns, and their units; Enter agrees. What was answered is written as `[recording]` into
-/// softrig.toml of this folder, which every command that reads recordings honours.
+/// the columns, and their units; Enter accepts. The answers go into `[recording]` of softrig.toml
+/// in this folder, which every command that reads recordings uses.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -41,7 +41,7 @@ pub struct Args {
     /// Write [recording] into this file: softrig.toml, or a model file
     #[arg(short, long, value_name = "FILE", default_value = RIG_FILE)]
     output: PathBuf,
-    /// Ask nothing: what the flags leave open is as it is guessed
+    /// Do not ask: guess whatever the flags leave open
     #[arg(long)]
     yes: bool,
     #[command(flatten)]

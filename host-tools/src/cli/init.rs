@@ -36,7 +36,7 @@ use softrig_formats::terminal::{printable_line, remark};
 /// Comments in the file say where each number comes from. Without flags, on a terminal, it
 /// asks questions.
 ///
-/// It works for any rig of second order with one input. A pendulum or a motor may have a
+/// It works for any second-order rig with one input. A pendulum or a motor may have a
 /// torque, a voltage or a current in the column `pressure_kpa`; the input gain is then per
 /// unit of that.
 #[derive(Debug, Parser)]
@@ -316,7 +316,7 @@ fn material(name: &str) -> Result<&'static Material, InputError> {
         let near = like(name);
         let advice = if near.is_empty() {
             format!(
-                "give one of {}; of another material `softrig materials predict` knows the exponent, and --material none goes without",
+                "give one of {}; for another material use `softrig materials predict`, or --material none",
                 quoted(TABLE_I.iter().collect())
             )
         } else {
@@ -332,7 +332,7 @@ fn refuse_existing(path: &Path) -> Result<(), InputError> {
         return Ok(());
     }
     Err(InputError::new(
-        "is there already, and softrig init writes over nothing",
+        "already exists, and softrig init never overwrites",
         "choose another name with -o, or see what would be written with --dry-run",
     )
     .in_file(path))
@@ -394,7 +394,7 @@ fn summary(first: &FirstModel) -> String {
         text += &format!("\n{unused}\n");
     }
     let Some(evidence) = &first.evidence else {
-        text += "\nNothing of this was measured on your rig: guesses are marked in the file.\n";
+        text += "\nNone of this was measured on your rig: guesses are marked in the file.\n";
         return text;
     };
     let unit = evidence.measurand.unit();
@@ -404,11 +404,11 @@ fn summary(first: &FirstModel) -> String {
         short(evidence.about_mean.to_degrees())
     );
     if evidence.order == Order::First {
-        text += "The motion is of first order: the inertia does not show, and only the ratios of damping, stiffness and gain count.\n";
+        text += "The motion is first-order: the inertia is not identifiable, only the ratios of damping, stiffness and gain are.\n";
     }
     if evidence.explains_little() {
         super::warn(
-            "this model explains little of the motion: something large is missing, which `softrig diagnose` looks for; or the columns hold something else (see the flags under \"If the columns mean something else\"); or this is no rig of second order with one input",
+            "this model explains little of the motion: a large effect is missing (run `softrig diagnose`), the columns hold something else (see the flags under \"If the columns mean something else\"), or this is not a second-order rig with one input",
         );
     }
     if !evidence.driven {
@@ -431,7 +431,7 @@ fn ask(args: &Args) -> anyhow::Result<Option<Known>> {
         std::process::exit(INTERRUPTED);
     })?;
     remark(
-        "A first model of your rig. What you do not know stays empty; Escape or Ctrl-C ends without a trace.",
+        "A first model of your rig. Leave unknowns empty; Escape or Ctrl-C quits without writing.",
     );
     let mut choices: Vec<&str> = TABLE_I.iter().map(|material| material.name).collect();
     choices.push("another material, or none");

@@ -26,9 +26,8 @@ pub struct InputArgs {
     /// mm, cm, um, mv of an output that is no angle
     #[arg(long, value_name = "WHICH=UNIT,…", value_parser = Columns::of_units)]
     units: Vec<Columns>,
-    /// How numbers of the file become those of a unit, by two of them and what they are:
-    /// pressure=101:0,512:100; a factor may stand with the unit, as --units 'pressure=psi*100' for
-    /// values times 100
+    /// Linear scale by two points, FILE:VALUE: pressure=101:0,512:100; for a plain factor write
+    /// --units 'pressure=psi*100', for values times 100
     #[arg(long, value_name = "WHICH=POINTS", value_parser = Columns::of_scale)]
     scale: Vec<Columns>,
     /// Unit of the time, as --units time=UNIT
@@ -49,8 +48,7 @@ pub struct InputArgs {
         conflicts_with = "units"
     )]
     pressure_in: Option<PressureUnit>,
-    /// The pressure is absolute: subtract that of the air, 101.325 kPa unless
-    /// given
+    /// The pressure is absolute: subtract air pressure [default: 101.325 kPa]
     #[arg(
         long,
         value_name = "KPA",
@@ -69,25 +67,24 @@ pub struct InputArgs {
         conflicts_with = "units"
     )]
     angle_in: Option<AngleUnit>,
-    /// The angle at rest, in degrees: subtracted, before any change of its sign
+    /// Angle at rest, in degrees: subtracted before any sign change
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = finite)]
     angle_zero: Option<f64>,
     /// Change the sign of the angle
     #[arg(long)]
     flip_angle: bool,
-    /// Do not read so many lines at the start of a table of text; lines above a header with the
-    /// wanted names are found without it
+    /// Skip this many lines at the start of a text table; not needed for lines above a header with
+    /// the required names
     #[arg(long, value_name = "N")]
     skip_rows: Option<u64>,
-    /// Refuse a file with lines that are no rows; otherwise up to 5 % of them are left out and
-    /// counted
+    /// Refuse a file with malformed lines; otherwise up to 5 % of lines are left out and counted
     #[arg(long)]
     strict: bool,
     /// Exchange the columns of pressure and angle
     #[arg(long)]
     exchange_columns: bool,
-    /// Nothing of the pressure is beyond half the sampling rate, as of a multisine through a
-    /// reconstruction filter: between its samples it is then known, not only a smooth curve
+    /// The pressure is band-limited to half the sampling rate, such as a multisine through a
+    /// reconstruction filter: interpolate it exactly, not by a smooth curve
     #[arg(long)]
     band_limited: bool,
 }

@@ -15,7 +15,7 @@ pub(crate) const SCHEMA: u32 = 1;
 /// The flag of commands with a result.
 #[derive(Clone, Debug, Default, Args)]
 pub struct JsonArgs {
-    /// Write the result as JSON too; with - in place of a file, print it and nothing else
+    /// Also write the result as JSON; with - as FILE, print it and nothing else
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }

@@ -21,11 +21,11 @@ use softrig_formats::numbers::{exact, short, tidy};
 use softrig_formats::recording::PASCAL_PER_KPA;
 use softrig_report::plot::{Figure, Panel, Series, Style};
 
-/// Linearises a model about a rest: poles, damping, bandwidth, a Bode plot, and the state
-/// space for scipy.signal or MATLAB.
+/// Linearises a model at equilibrium: poles, damping, bandwidth, Bode plot, and state space for
+/// scipy.signal or MATLAB.
 ///
-/// The input is the gauge pressure (kPa), the output what the angle sensor shows (°), both
-/// from the rest on. Frictions and play have no slope: they are left out, and named.
+/// Input: gauge pressure (kPa); output: reading of the angle sensor (°); both as deviations from
+/// equilibrium. Friction and play have no slope: they are left out, and named.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -36,7 +36,8 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
-    /// The rest: an angle (deg, rad), an output in its unit (mm, cm, um, mv) or the pressure that holds it (kpa)
+    /// Equilibrium: an angle (deg, rad), an output in its unit (mm, cm, um, mv) or its pressure
+    /// (kpa)
     #[arg(long, value_name = "30deg")]
     at: At,
     /// Draw the Bode plot
@@ -76,7 +77,7 @@ impl FromStr for At {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || {
             format!(
-                "\"{text}\" has no known unit; write the rest with its unit: 30deg, 0.5rad, 12mm or 45kpa"
+                "\"{text}\" has no known unit; give the equilibrium as 30deg, 0.5rad, 12mm or 45kpa"
             )
         };
         let lower = text.trim().to_lowercase().replace('°', "deg");
@@ -256,7 +257,7 @@ impl Linearised {
             Rest::Pressure(pressure) => angle_under(&file.model, pressure).ok_or_else(|| {
                 InputError::new(
                     format!(
-                        "{} kPa hold the actuator at no angle within half a turn",
+                        "{} kPa: no equilibrium within half a turn",
                         short(pressure / PASCAL_PER_KPA)
                     ),
                     "name another pressure, or an angle",
@@ -355,7 +356,7 @@ impl Linearised {
         if let Some(gain) = self.steady_gain_deg_per_kpa {
             text += &format!("steady gain  {} {}/kPa\n", short(gain), measurand.symbol());
         } else {
-            text += "steady gain  none: something integrates, or a motion grows\n";
+            text += "steady gain  none: the model integrates or is unstable\n";
         }
         if let Some(bandwidth) = self.bandwidth_hz {
             text += &format!("bandwidth    {} Hz (−3 dB)\n", short(bandwidth));
@@ -427,7 +428,7 @@ impl Linearised {
         let c = row(&self.c);
         let delay = exact(self.delay_s);
         let about = format!(
-            "{comment} {WRITTEN_BY}: {}.\n{comment} Input: gauge pressure (kPa), output: what the {} sensor shows ({}), both from the rest on.\n{comment} States: {}.\n",
+            "{comment} {WRITTEN_BY}: {}.\n{comment} Input: gauge pressure (kPa), output: reading of the {} sensor ({}), both as deviations.\n{comment} States: {}.\n",
             self.rest(measurand).replace(['\n', '\r'], " "),
             measurand.name(),
             measurand.suffix(),

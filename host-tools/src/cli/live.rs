@@ -187,9 +187,7 @@ fn serve(context: &Arc<Context>, address: &str) -> Result<Server, InputError> {
     let fault = |why: &dyn std::fmt::Display| {
         InputError::new(
             format!("--foxglove {address}: {why}"),
-            format!(
-                "name a port that is free, such as {PORT}, or HOST:PORT to be seen by other machines"
-            ),
+            format!("use a free port, such as {PORT}, or HOST:PORT for access from other machines"),
         )
     };
     let (host, port) = host_and_port(address).map_err(|why| fault(&why))?;

@@ -8,9 +8,9 @@ use wire::history::FaultRecord;
 use super::port::PortArgs;
 use softrig_link::{Link, SerialConnector, Timing};
 
-/// Lists the last eight faults of a board, which it keeps without power.
+/// Lists the last eight faults of a board; they survive a power cut.
 ///
-/// The time of a fault is counted from the board's start before it: it has no calendar.
+/// Fault times count from the board's last start before it: there is no calendar.
 /// Opening the port restarts a Mega; what is in the log stays.
 #[derive(Debug, Parser)]
 #[command(after_help = "\

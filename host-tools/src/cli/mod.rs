@@ -93,13 +93,13 @@ pub(crate) fn ask_to_set_up(setup: &Setup) -> anyhow::Result<()> {
     }
     if !std::io::stdin().is_terminal() {
         return Err(InputError::new(
-            format!("the protocol asks you to {steps}, and nobody is here to say that it is done"),
+            format!("the protocol asks you to {steps}, but there is no terminal to confirm it"),
             "do it, then add --ready",
         )
         .into());
     }
     remark(&format!(
-        "Now {steps}.\nPress Enter when it is done; Ctrl-C ends, and nothing moves."
+        "Now {steps}.\nPress Enter when done; Ctrl-C quits before anything moves."
     ));
     std::io::stdin().lock().read_line(&mut String::new())?;
     Ok(())

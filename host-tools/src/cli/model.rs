@@ -43,7 +43,7 @@ pub(crate) fn of_rig_file() -> Result<PathBuf, InputError> {
         ));
     };
     remark(&format!(
-        "The model is {}, as {} says.",
+        "Using model {}, set in {}.",
         model.display(),
         file.display()
     ));

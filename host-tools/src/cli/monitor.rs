@@ -56,12 +56,12 @@ pub struct Args {
     /// Write everything that is received to this recording
     #[arg(long, value_name = "OUT.csv")]
     log: Option<PathBuf>,
-    /// Send each sample as JSON to a UDP server, such as PlotJuggler's; only a port is one of
-    /// this machine
+    /// Send each sample as JSON to a UDP server, such as PlotJuggler's; a bare port means this
+    /// machine
     #[arg(long, value_name = "[HOST:]PORT")]
     udp: Option<String>,
-    /// Serve Foxglove and Lichtblick: a topic for each column of a recording. Without a host, to
-    /// this machine alone
+    /// Serve Foxglove and Lichtblick: a topic for each column of a recording. Without a host: this
+    /// machine only
     #[arg(long, value_name = "[HOST:]PORT", num_args = 0..=1, default_missing_value = "8765")]
     foxglove: Option<String>,
     /// Write the same topics to this log, which is a recording too

@@ -29,12 +29,11 @@ use softrig_formats::recording::{Recording, check_distinct, read_all, recordings
 use softrig_formats::terminal::quoted;
 use softrig_report::content::Content;
 
-/// Makes the experiments that decide: diagnoses, proposes a run, asks you to set up the
-/// rig, records it, and diagnoses all recordings together, until it can tell or nothing
-/// decides.
+/// Runs experiments until the answer is clear or no run would decide: diagnoses, proposes a run,
+/// asks you to set up the rig, records, and diagnoses all recordings together.
 ///
-/// What is planned and recorded stays in the folder of -o. Repeat the command to go on after an
-/// interruption: a run that is complete is not recorded again.
+/// Plans and recordings stay in the -o folder. After an interruption repeat the command: complete
+/// runs are not recorded again.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -67,13 +66,13 @@ pub struct Args {
     /// Write the last verdict as JSON
     #[arg(long, value_name = "VERDICT.json")]
     json: Option<PathBuf>,
-    /// Experiments at most
+    /// Maximum experiments
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=20))]
     most: u32,
     /// Highest set-point (deg), highest pressure (kpa), longest run (s)
     #[arg(long, value_name = "deg=90,kpa=170,s=180")]
     limits: Option<String>,
-    /// The rig stands as each plan asks: do not wait for Enter
+    /// Do not prompt: the rig is already set up as planned
     #[arg(long)]
     ready: bool,
     /// Random seed
@@ -115,7 +114,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             Step::Told => break,
             Step::WasNotSetUp(why) => {
                 super::print(&format!(
-                    "No further run is made: {why}\nTo go on, correct it and repeat the command.\n"
+                    "Stopped: {why}\nCorrect this and repeat the command.\n"
                 ))?;
                 return Ok(());
             }
@@ -128,7 +127,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         }
         if made == args.most {
             super::print(&format!(
-                "{made} experiments were made, the most that --most allows.\n"
+                "Stopped after {made} experiments, the limit set by --most.\n"
             ))?;
             break;
         }
@@ -141,7 +140,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             record_next(args, &next, &recording)?;
         }
         if !is_complete(&recording) {
-            super::print("The run was ended early. To go on, repeat the command.\n")?;
+            super::print("The run ended early. Repeat the command to continue.\n")?;
             return Ok(());
         }
         recordings.push(recording);
@@ -298,8 +297,8 @@ fn refuse_another_plan(best: &Proposal, recording: &Path) -> Result<(), InputErr
         return Ok(());
     }
     Err(InputError::new(
-        "was recorded for another plan than the one that these recordings ask for",
-        "give another folder with -o, or name the recording beside the others",
+        "was recorded for a different plan from the one needed now",
+        "use another -o folder, or add this recording to the command",
     )
     .in_file(recording))
 }

@@ -10,20 +10,19 @@ use softrig_report::plot::{self, Colours, Figure, Length, Look};
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Picture, as .svg, .pdf or .png")]
 pub struct PictureArgs {
-    /// Its width, such as 89mm, 3.5in, 252pt or 800px; its layout follows
+    /// Width, such as 89mm, 3.5in, 252pt or 800px; the layout adapts
     #[arg(long, value_name = "WIDTH")]
     width: Option<Length>,
     /// Size of its labels, in points [default: 8 with --width]
     #[arg(long, value_name = "PT", value_parser = Look::font_size)]
     font_size: Option<f64>,
-    /// Whether it has a heading [default: yes, in a PDF no]
+    /// Include a heading [default: yes; no in a PDF]
     #[arg(long, value_name = "yes|no", value_parser = yes_or_no)]
     headline: Option<bool>,
-    /// Draw these of its panels only: numbers from the top left, or words of their headings and
-    /// labels
+    /// Draw only these panels: numbers from the top left, or words from headings and labels
     #[arg(long, value_name = "PANEL,…", value_delimiter = ',')]
     panels: Vec<String>,
-    /// Its colours: screen, or print, which differ in grey too [default: screen, in a PDF print]
+    /// Colours: screen, or print, distinct in grey too [default: screen; print in a PDF]
     #[arg(long, value_name = "screen|print")]
     colours: Option<Colours>,
 }
@@ -58,7 +57,7 @@ impl PictureArgs {
             return Ok(());
         }
         Err(InputError::new(
-            "the look of a picture is given, and no picture is asked for",
+            "picture options were given, but no picture file",
             format!("add {flag} picture.pdf"),
         ))
     }
@@ -71,7 +70,7 @@ impl PictureArgs {
     pub(crate) fn write(&self, path: &std::path::Path, figure: &Figure) -> Result<(), InputError> {
         if let Some(height_mm) = plot::write(path, figure, &self.look())? {
             super::warn(&format!(
-                "{}: is {height_mm:.0} mm high, more than a page; choose with --panels, or --runs where there is one",
+                "{}: is {height_mm:.0} mm high, more than a page; reduce it with --panels or, if available, --runs",
                 path.display()
             ));
         }

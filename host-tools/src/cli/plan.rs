@@ -66,11 +66,11 @@ pub struct Args {
     /// Noise of the angle (° RMS) [default: from the recordings, or 0.4]
     #[arg(long, value_name = "DEG")]
     noise_deg: Option<f64>,
-    /// Write the best run, if it decides: as a protocol file, or by the name of a .csv as the
-    /// pressure over the time, for a rig that softrig does not drive
+    /// Write the best run, if it decides: as a protocol file, or as .csv with the pressure over
+    /// time, for a rig that softrig does not drive
     #[arg(short, long, value_name = "PROTOCOL.toml|PRESSURE.csv")]
     output: Option<PathBuf>,
-    /// Write it although it does not decide
+    /// Write it even if it does not decide
     #[arg(long, requires = "output")]
     force: bool,
     #[command(flatten)]
@@ -81,9 +81,9 @@ pub struct Args {
 
 /// What is to be said where no run that is known decides.
 pub(super) const NOTHING_DECIDES: &str =
-    "no pressure tells these effects apart, nor does a change of the rig
-that is known here. What may: zeros that are calibrated better ([calibration] in the metadata), or a
-load at the tip and the length of the tube said in [setup], so that others can be planned.
+    "no pressure and no known change of the rig separates these effects.
+Better calibrated zeros may ([calibration] in the metadata), or a tip load and a tube length in
+[setup], from which further runs can be planned.
 ";
 
 /// Runs that are listed.
@@ -149,10 +149,10 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             proposal.protocol.title
         );
     }
-    text += "\nThe parameters of each effect may change as far as the recordings allow. A Δχ² of 20 is\nvery strong between exact formulas; a run decides where the other would also be off by a third\nmore than the noise.\n";
+    text += "\nEach effect is refitted within the limits of the recordings. A Δχ² of 20 is very\nstrong for exact formulas; a run decides if the other effect would also miss by a third\nmore than the noise.\n";
     let decides = best.decides;
     if !decides {
-        text += "No run comes near it: ";
+        text += "No run comes close: ";
         text += NOTHING_DECIDES;
     }
     if let Some(path) = args.output.as_ref().filter(|_| decides || args.force) {
@@ -175,7 +175,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     if args.output.is_some() && !decides && !args.force {
         return Err(InputError::new(
             "no protocol is written: none of these runs decides",
-            "write the best all the same with --force",
+            "write the best one anyway with --force",
         )
         .into());
     }
@@ -258,7 +258,7 @@ impl Plan {
         let list = proposals(&file.model, &rivals, noise, &limits);
         if list.is_empty() {
             return Err(InputError::new(
-                "no protocol of the board keeps to these limits",
+                "no built-in protocol is within these limits",
                 "allow a higher set-point, more pressure or a longer run",
             ));
         }
@@ -314,7 +314,7 @@ fn refuse_what_it_has(file: &ModelFile, pair: &[Vec<Kind>; 2]) -> Result<(), Inp
                 "the model has {} already, on both sides of --between",
                 kind.name()
             ),
-            "name the model without it: the one that the diagnosis began with",
+            "give the model without it, as used in the diagnosis",
         )
         .in_file(&file.path)),
         None => Ok(()),

@@ -14,8 +14,8 @@ const OLD_VARIABLE: &str = "RIG_PORT";
 /// The flag of commands that talk to a board.
 #[derive(Clone, Debug, Default, Args)]
 pub struct PortArgs {
-    /// Serial port of the board; `softrig ports` lists them [default: SOFTRIG_PORT of the environment,
-    /// else port in softrig.toml]
+    /// Serial port of the board; `softrig ports` lists them [default: $SOFTRIG_PORT, else port in
+    /// softrig.toml]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
 }
@@ -33,7 +33,7 @@ impl PortArgs {
         }
         if let Some(port) = variable(OLD_VARIABLE) {
             remark(&format!(
-                "The port is {port}, as {OLD_VARIABLE} says: its name is {VARIABLE} now."
+                "Using port {port} from {OLD_VARIABLE}, now named {VARIABLE}."
             ));
             return Ok(port);
         }

@@ -66,7 +66,7 @@ fn table(found: &[PortFound]) -> String {
     }
     if found.iter().any(|port| !port.accessible) {
         text += &format!(
-            "\nSome may not be opened by this user: {}.\n",
+            "\nYou lack permission to open: {}.\n",
             softrig_link::PERMISSION_ADVICE
         );
     }

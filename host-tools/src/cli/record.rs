@@ -54,7 +54,7 @@ Times are in seconds, pressures in kPa, angles in degrees.")]
 pub struct Args {
     #[command(flatten)]
     port: PortArgs,
-    /// Name of a protocol that every board knows, or a protocol file
+    /// Name of a built-in protocol, or a protocol file
     #[arg(long, value_name = "NAME|FILE.toml", visible_alias = "plan")]
     protocol: Option<String>,
     /// Record for this time without moving anything, in seconds
@@ -69,26 +69,26 @@ pub struct Args {
     /// Also write each step to a file of its own (run_60_1.csv: the first to 60°)
     #[arg(long, requires = "protocol")]
     split: bool,
-    /// Write one file only; always so without --split
+    /// Write one file only (default without --split)
     #[arg(long, hide = true, conflicts_with = "split")]
     whole: bool,
     /// Clear a latched fault first, if its cause is gone
     #[arg(long)]
     clear: bool,
-    /// Wait for this time for a pulled cable to be plugged in again, or for a board that has
-    /// fallen silent, in seconds
+    /// Wait this long, in seconds, for a pulled cable to be plugged in again or a silent board to
+    /// answer
     #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = seconds)]
     patience: f64,
-    /// How the rig stands, with commas: tilt_deg (by how much the base is turned since the
-    /// angle was zeroed, positive in the direction in which the actuator bends), tip_load_g,
-    /// tube_mm, temperature_c, rested_s, new_part=actuator|sensor
+    /// Rig setup, comma-separated: tilt_deg (rotation of the base since the angle was zeroed,
+    /// positive in the bending direction), tip_load_g, tube_mm, temperature_c, rested_s,
+    /// new_part=actuator|sensor
     #[arg(long, value_name = "KEY=VALUE,…")]
     setup: Option<Setup>,
-    /// What `softrig commission` measured of the board: its clock corrects the times
-    /// [default: softrig.toml, if there is one]
+    /// File with the board's clock from `softrig commission`, to correct the times [default:
+    /// softrig.toml, if present]
     #[arg(long, value_name = "RIG.toml")]
     rig: Option<PathBuf>,
-    /// The rig stands as the protocol file asks: do not wait for Enter
+    /// Do not prompt: the rig is already set up as the protocol asks
     #[arg(long, requires = "protocol")]
     ready: bool,
     /// Print what would be sent and its duration, and open no port
@@ -134,7 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Some(protocol) if args.split => steps(protocol).ok_or_else(|| {
             InputError::new(
                 format!("the protocol {} is not one of steps", protocol.name),
-                "leave --split away: it needs a release of a second or more after every step",
+                "omit --split: it needs a release of a second or more after every step",
             )
         })?,
         _ => Vec::new(),
@@ -229,11 +229,10 @@ fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputEr
     let path = named.unwrap_or_else(|| rig_file());
     let board = board_name(port);
     let absent = |found: &str| match named {
-        Some(_) => Err(InputError::new(
-            found,
-            "`softrig commission` writes it, or leave --rig away",
-        )
-        .in_file(path)),
+        Some(_) => Err(
+            InputError::new(found, "write it with `softrig commission`, or omit --rig")
+                .in_file(path),
+        ),
         None => Ok(None),
     };
     let Some(file) = RigFile::find(path)? else {
@@ -242,7 +241,7 @@ fn clock_factor(named: Option<&Path>, port: &str) -> Result<Option<f64>, InputEr
     match (file.board, file.clock) {
         (Some(its), Some(clock)) if its == board => Ok(Some(clock.factor)),
         (Some(its), Some(_)) => {
-            let found = format!("is of the board `{its}`, and this one is `{board}`");
+            let found = format!("belongs to board `{its}`; this one is `{board}`");
             if named.is_some() {
                 let advice =
                     "name its own file, or measure it with `softrig commission --only clock`";

@@ -29,11 +29,11 @@ use softrig_report::correlation::{Correlation, Correlations, Level, RunResiduals
 use softrig_report::html::STYLE;
 use softrig_report::plot::{Figure, Mark, Panel, Role, Series, Style, to_svg_string};
 
-/// Analyses what a model leaves of recordings: is it white, does it go with the pressure, how
-/// does it grow with the time ahead, and how is it distributed?
+/// Analyses a model's residuals: whiteness, correlation with the pressure, growth with the
+/// prediction horizon, and distribution.
 ///
-/// The model is simulated as it is, over whole runs; sensor zeros and initial states are
-/// estimated, nothing else.
+/// The model is simulated as given over whole runs; only sensor zeros and initial states are
+/// estimated.
 #[derive(Debug, Parser)]
 #[command(after_help = "\
 Examples:
@@ -43,8 +43,7 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     model: ModelArgs,
-    /// Analyse what a simulation of yours leaves, whose angles are in this column: COLUMN, or
-    /// COLUMN:rad
+    /// Analyse your own simulation, whose angles are in this column: COLUMN, or COLUMN:rad
     #[arg(long, value_name = "COLUMN[:UNIT]", conflicts_with = "model")]
     prediction: Option<Prediction>,
     /// Recordings
@@ -120,7 +119,7 @@ impl Lagged {
     fn sentence(&self, with: &str, without: &str, has: &str) -> String {
         let verdict = if self.by_chance { without } else { has };
         format!(
-            "Correlation with {with}: {} of the lags lie beyond the 99 % band (±{}), where chance puts 1 %: {verdict}.",
+            "Correlation with {with}: {} of the lags lie beyond the 99 % band (±{}; 1 % by chance): {verdict}.",
             percent(self.outside),
             short(self.band99)
         )
@@ -288,7 +287,7 @@ impl Analysis {
             .collect();
         let correlations = Correlations::of(&runs, Pace::of(data).period).ok_or_else(|| {
             InputError::new(
-                "the model leaves nothing of these recordings, to the last digit",
+                "the model reproduces these recordings to the last digit",
                 "name recordings that were measured and not simulated with it",
             )
         })?;
@@ -335,7 +334,7 @@ impl Analysis {
             |it| {
                 it.sentence(
                     "the pressure before",
-                    "no more than chance gives signals as slow as these",
+                    "within chance for signals this slow",
                     "dynamics between pressure and angle are missing",
                 )
             },
@@ -379,7 +378,7 @@ impl Analysis {
         let mut figure = Figure::new("")
             .with_columns(2)
             .with_separate_x()
-            .with_panel(self.with_itself.panel("Residual with itself"));
+            .with_panel(self.with_itself.panel("Autocorrelation"));
         if let Some(with_pressure) = &self.with_pressure {
             figure = figure.with_panel(with_pressure.panel("Residual with the pressure"));
         }

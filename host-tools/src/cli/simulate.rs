@@ -55,16 +55,15 @@ pub struct Args {
     /// Arithmetic to simulate in
     #[arg(long, value_parser = choice::<Arithmetic>(), default_value_t = Arithmetic::F64)]
     arithmetic: Arithmetic,
-    /// Take zeros and initial state from nothing but so many first samples of the recording, which
-    /// are not scored, and fit nothing to the rest; rest: it starts at rest at zero; period: it is
-    /// one period of a steady state
+    /// Take zeros and initial state from this many first samples, which are not scored, and fit
+    /// nothing to the rest; rest: starts at rest at zero; period: one period of a steady state
     #[arg(
         long,
         value_name = "SAMPLES|rest|period",
         conflicts_with_all = ["protocol", "arithmetic"]
     )]
     start_from: Option<StartFrom>,
-    /// With --start-from, the zeros of the sensors that a diagnosis found; without, there are none
+    /// With --start-from: sensor zeros found by a diagnosis [default: none]
     #[arg(long, value_name = "VERDICT.json", requires = "start_from")]
     zeros: Option<PathBuf>,
     /// Write the run as a recording

@@ -40,16 +40,15 @@ pub struct Args {
     /// Model file whose dynamics and effects the board is to use
     #[arg(long, value_name = "MODEL.toml")]
     model: Option<PathBuf>,
-    /// How the rig stands: with tilt_deg=90 the board predicts an actuator on a base that has
-    /// been turned since the angle was zeroed
+    /// Rig setup: with tilt_deg=90 the board's prediction allows for a base turned since the angle
+    /// was zeroed
     #[arg(long, value_name = "KEY=VALUE,…", requires = "model")]
     setup: Option<Setup>,
     /// File of settings: calibration, limits, gains
     #[arg(long, value_name = "SETTINGS.toml")]
     settings: Option<PathBuf>,
     /// Verdict of `softrig diagnose --json` whose sensor zeros correct the calibration:
-    /// p.zero (counts) and the angles of the flex sensor's table (°). Of several
-    /// sessions the last counts
+    /// p.zero (counts) and the angles of the flex sensor's table (°). If several, the last is used
     #[arg(long, value_name = "VERDICT.json")]
     zeros: Option<PathBuf>,
     /// Print the board's settings as a settings file instead

@@ -135,7 +135,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         return Err(InputError::new(found, "correct what is named above").into());
     }
     Err(anyhow::anyhow!(
-        "the simulator ended with {status}; what it said is above"
+        "the simulator ended with {status}; see its output above"
     ))
 }
 
@@ -182,7 +182,7 @@ impl Companion {
         let until = Instant::now() + STARTS;
         let port = loop {
             let line = said.recv_timeout(until.saturating_duration_since(Instant::now()));
-            match line.context("the simulator did not start; what it said is above")? {
+            match line.context("the simulator did not start; see its output above")? {
                 line if line.starts_with("port ") => break line["port ".len()..].to_owned(),
                 _ => {}
             }

@@ -172,7 +172,7 @@ fn several_cases_at_a_time_are_the_same_cases() {
     let batch = |out: &str, jobs: &str| {
         let line = format!("diagnose --batch demo/cases.csv -o {out} --budget 0s {jobs}");
         let assert = bench.line(&line).assert().code(1);
-        assert!(stderr(&assert).contains(&format!("the first says why in {out}/b/error.txt")));
+        assert!(stderr(&assert).contains(&format!("for the first, see {out}/b/error.txt")));
         let mut said: Vec<String> = stdout(&assert)
             .lines()
             .map(|line| line.split(" (").next().unwrap().to_owned())

@@ -56,7 +56,7 @@ fn damaged_rows_are_refused_with_line_and_column() {
             .line("simulate --model m.toml --recording bad.csv")
             .assert()
             .success()
-            .stderr(contains("bad.csv: 1 line is no row of the table (line 31)"));
+            .stderr(contains("bad.csv: 1 line is malformed (line 31)"));
     }
 }
 
@@ -67,13 +67,10 @@ fn times_that_are_wrong_are_mended_and_said() {
     let bench = Bench::new();
     for (row, said) in [
         (lines[29], "1 row is there twice (line 31)"),
-        (
-            "0.1,30.0,3",
-            "1 row has a time that fits to no other (line 31)",
-        ),
+        ("0.1,30.0,3", "1 row has an implausible time (line 31)"),
         (
             "0.28,30.0,3",
-            "1 time is not when its sample was taken (line 31)",
+            "1 time does not match the sampling (line 31)",
         ),
     ] {
         let mut lines = lines.clone();
@@ -90,7 +87,7 @@ fn times_that_are_wrong_are_mended_and_said() {
         .line("simulate --model m.toml --recording cut.csv")
         .assert()
         .success()
-        .stderr(contains("1 line is no row of the table (line 201)"));
+        .stderr(contains("1 line is malformed (line 201)"));
     let count = lines.len() - 1;
     let mut shuffled = lines.clone();
     for (at, line) in shuffled[1..].iter_mut().enumerate() {

@@ -105,7 +105,7 @@ fn a_beam_gives_stiffness_and_exponent_and_the_rest_is_a_guess() {
     let mut edited = text.clone();
     edited.push_str("# mine\n");
     bench.put("model.toml", &edited);
-    bench.fails(beam, &["model.toml", "is there already", "--dry-run"]);
+    bench.fails(beam, &["model.toml", "already exists", "--dry-run"]);
     let dry = bench.line(beam).arg("--dry-run").assert().success();
     assert_eq!(String::from_utf8_lossy(&dry.get_output().stdout), text);
     assert_eq!(bench.text("model.toml"), edited);
@@ -118,11 +118,15 @@ fn without_anything_it_is_the_authors_actuator() {
         .line("init --material none")
         .assert()
         .success()
-        .stdout(contains("Nothing of this was measured on your rig"));
+        .stdout(contains("None of this was measured on your rig"));
     let file = model(&bench);
     assert_eq!(file.actuator.unwrap().material, "Dragon Skin 20");
     assert!((file.model.dynamics().stiffness - 0.094).abs() < 5e-4);
-    assert!(bench.text("model.toml").contains("for want of yours"));
+    assert!(
+        bench
+            .text("model.toml")
+            .contains("value of the authors' actuator")
+    );
 }
 
 #[test]
@@ -160,11 +164,11 @@ fn slips_of_the_command_line_are_refused_with_a_remedy() {
         ("--recording step.csv step.csv", &["is given twice"]),
         (
             "--recording step.csv -o step.csv",
-            &["step.csv", "is there already"],
+            &["step.csv", "already exists"],
         ),
         (
             "--material none -o notes.toml",
-            &["notes.toml", "is there already"],
+            &["notes.toml", "already exists"],
         ),
         ("--material none -o no/such/m.toml", &["there is no folder"]),
     ] {

@@ -221,7 +221,7 @@ fn the_model_of_a_folder_is_named_once() {
     let assert = bench.line(&format!("{line} a.csv")).assert().success();
     let remark = stderr(&assert);
     assert!(
-        remark.contains("The model is finger.toml, as softrig.toml says."),
+        remark.contains("Using model finger.toml, set in softrig.toml."),
         "{remark}"
     );
     // What is said of it does not mix with the result.
@@ -234,8 +234,8 @@ fn the_model_of_a_folder_is_named_once() {
     let assert = bench.line(&format!("{line} old.csv")).assert().success();
     let remark = stderr(&assert);
     assert!(
-        remark.contains("rig.toml is read: its name is softrig.toml now")
-            && remark.contains("The model is finger.toml, as rig.toml says."),
+        remark.contains("Using rig.toml: rename it to softrig.toml")
+            && remark.contains("Using model finger.toml, set in rig.toml."),
         "{remark}"
     );
     bench.put("softrig.toml", &new);

@@ -45,7 +45,9 @@ fn a_plan_that_decides_nothing_is_written_only_by_force() {
         .line(line)
         .assert()
         .code(2)
-        .stdout(contains("no pressure tells these effects apart").and(contains("What may: zeros")))
+        .stdout(
+            contains("no pressure and no known change").and(contains("Better calibrated zeros")),
+        )
         .stderr(contains("--force"));
     assert!(!bench.path("next.toml").exists());
     bench.prints(&format!("{line} --force"));

@@ -106,7 +106,7 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
         (
             Finding::Noisy,
             format!(
-                "These recordings cannot tell whether something is missing: only noise is left, {noise}, and that hides what is smaller."
+                "These recordings cannot tell whether something is missing: only noise is left, {noise}, and it hides smaller effects."
             ),
         ),
         (
@@ -147,7 +147,7 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
         ),
         (
             shape,
-            "The model lacks a kind of stiffness shape: a force of the angle that no formula follows, and a table does."
+            "The model lacks a kind of stiffness shape: a force of the angle described by a table, but no formula."
                 .into(),
         ),
         (
@@ -164,18 +164,18 @@ fn every_finding_is_a_sentence_that_a_person_would_say() {
         ),
         (
             closest(None),
-            "Something is missing, and the time was up before it was found.".into(),
+            "Something is missing, but time ran out before it was found.".into(),
         ),
         (
             unexplained,
-            "Something is missing, and it is none of the effects that are known.".into(),
+            "Something is missing, but no known effect explains it.".into(),
         ),
     ] {
         assert_eq!(said(finding), expected);
     }
     let late = said(closest(Some(CoulombFriction)));
     assert!(
-        late.ends_with("came closest until the time was up."),
+        late.ends_with("came closest before time ran out."),
         "{late}"
     );
 }

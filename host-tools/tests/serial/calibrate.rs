@@ -89,7 +89,7 @@ fn calibrations_that_make_no_sense_change_nothing() {
     bench.put("t.csv", "angle_deg,flex_counts\n0,668\n90,412\n150,500\n");
     bench
         .rig_with("calibrate --port PORT --assume t.csv", "\n")
-        .failed(2, &["do not go one way"]);
+        .failed(2, &["are not monotonic"]);
     bench.put("t.csv", "angle_deg,flex_counts\n0,668\n90,412\n");
     bench
         .rig_with("calibrate --port PORT --assume t.csv", "\n")

@@ -206,7 +206,7 @@ fn a_recording_that_is_killed_is_whole_up_to_the_last_line() {
     let (recording, warnings) = Recording::read(&bench.path("run.csv")).unwrap();
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(
-        warnings[0].contains("run.csv: is not complete: ")
+        warnings[0].contains("run.csv: is incomplete: ")
             && warnings[0].contains("run.meta.toml says"),
         "{warnings:?}"
     );

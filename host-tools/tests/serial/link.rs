@@ -106,7 +106,7 @@ fn another_version_names_who_has_to_move() {
     });
     bench
         .rig("upload --port PORT --model m.toml")
-        .failed(1, &["version 99", "update rig"]);
+        .failed(1, &["version 99", "update softrig"]);
     bench.board.script().version = 0;
     bench
         .rig("upload --port PORT --model m.toml")

@@ -201,7 +201,7 @@ fn only_protocols_of_steps_are_cut_and_old_scripts_still_run() {
     let bench = Bench::new(Script::default());
     bench
         .rig("record --port PORT --protocol triangle -o run.csv --split")
-        .failed(2, &["triangle is not one of steps", "leave --split away"]);
+        .failed(2, &["triangle is not one of steps", "omit --split"]);
     assert!(!bench.has_armed());
     bench
         .rig("record --port PORT --protocol two.toml -o run.csv --whole")

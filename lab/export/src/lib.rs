@@ -337,9 +337,9 @@ impl<'a> Source<'a> {
             shown_at_rest: self.expression(syntax, physics.shown_at_rest),
             start_deg: defaults.start_deg.map(exact),
             about_defaults: if defaults.start_deg.is_some() {
-                "Start and zeros with which the model comes nearest to a recording."
+                "Initial state and zeros estimated from a recording."
             } else {
-                "A start at rest at zero, and sensors whose zeros are right."
+                "Starts at rest at zero; sensor zeros are exact."
             },
             uses: Uses {
                 signed_power: used(|e| {

@@ -24,7 +24,7 @@ const USE: &[&str] = &[
     "Open the file and simulate Step, or give Actuator.pressure_kpa a signal. Time is that of",
     "the run: it starts at 0. These are the continuous equations; what comes out is as near",
     "to `softrig simulate` as the solver's tolerance is small and the signal is the same between",
-    "the samples of a recording, where rig takes a cubic through them.",
+    "the samples of a recording, where softrig has a cubic.",
 ];
 
 /// The values for the template.

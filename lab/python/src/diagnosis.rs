@@ -74,9 +74,9 @@ impl Diagnosis {
         match &self.stand_in {
             None => Ok(self.model.clone_ref(py)),
             Some(stand_in) => Err(PyAttributeError::new_err(format!(
-                "this diagnosis is about {}, a simulation of which only predictions are known: there is \
-                 no model of it to repair; .verdict.effects has what it lacks, with the parameters of \
-                 the model that stands in for it",
+                "this diagnosis is of {}, a simulation known only by its predictions: there is no \
+                 model to repair; .verdict.effects has what it lacks, with the parameters of its \
+                 substitute model",
                 stand_in.column
             ))),
         }

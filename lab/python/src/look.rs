@@ -56,7 +56,7 @@ pub fn refuse(py: Python<'_>, given: Option<&Bound<'_, PyDict>>) -> PyResult<()>
         return Ok(());
     }
     Err(Fault::new(
-        "the look of a picture is given, and no file for it",
+        "picture options were given, but no file",
         "add a path, as plot(\"picture.pdf\", width=\"89mm\"), or change matplotlib's axes",
     ))
     .or_raise(py)

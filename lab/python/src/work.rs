@@ -106,7 +106,7 @@ pub fn run<T: Send + 'static>(
             Err(RecvTimeoutError::Timeout) => {}
             Ok(Err(_)) | Err(RecvTimeoutError::Disconnected) => {
                 return Err(PyRuntimeError::new_err(
-                    "softrig has a defect: the work ended in the middle; what it said stands on stderr",
+                    "softrig has a defect: the work was aborted; see stderr for its message",
                 ));
             }
         }

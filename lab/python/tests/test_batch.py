@@ -86,7 +86,7 @@ def test_a_list_of_cases_is_a_manifest(cases: Path, tmp_path: Path) -> None:
 def test_a_faulty_list_is_refused_with_its_place(tmp_path: Path) -> None:
     good = {"case": "a", "model": "m.toml", "recordings": "x.csv"}
     for cases, part in [
-        ([good, good], r"cases\[1\], case: a comes twice"),
+        ([good, good], r"cases\[1\], case: a is repeated"),
         ([good, {**good, "case": "../b"}], r"cases\[1\], case: "),
         ([{**good, "recordings": []}], r"cases\[0\], recordings: no recording"),
         ([{"case": "a", "recordings": "x.csv"}], r"cases\[0\] has no model"),

@@ -205,7 +205,7 @@ def test_a_picture_of_a_fit_is_laid_out_as_one_of_a_diagnosis(
             plot(tmp_path / "fit.pdf", panels=["torque"])
         with pytest.raises(softrig.InputError, match="there is no run nowhere"):
             plot(tmp_path / "fit.pdf", runs=["nowhere"])
-        with pytest.raises(softrig.InputError, match="no file for it"):
+        with pytest.raises(softrig.InputError, match="but no file"):
             plot(width="89mm")
         with pytest.raises(TypeError, match="colors"):
             plot(tmp_path / "fit.pdf", colors="print")

@@ -104,12 +104,12 @@ def test_what_it_lacks_is_named(
     verdict = json.loads(found.json())
     assert verdict.pop("seconds") > 0 and expected.pop("seconds") > 0
     assert verdict == expected
-    with pytest.raises(AttributeError, match="theta_sim, a simulation of which only predictions"):
+    with pytest.raises(AttributeError, match="theta_sim, a simulation known only by its predictions"):
         found.model  # noqa: B018
     with pytest.raises(TypeError, match=r"keep \.runs"):
         pickle.dumps(found)
     found.report(tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    assert "theta_sim:rad" in text and "stands in for it" in text
+    assert "theta_sim:rad" in text and "is diagnosed in its place" in text
     with pytest.raises(softrig.InputError, match="give the name of a column"):
         softrig.diagnose(model, recordings, prediction=" ")

@@ -182,10 +182,7 @@ fn an_address_that_is_taken_and_a_log_that_is_there_are_refused() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port();
     for (flags, parts) in [
-        (
-            format!("--foxglove {port}"),
-            ["in use", "name a port that is free"],
-        ),
+        (format!("--foxglove {port}"), ["in use", "use a free port"]),
         ("--foxglove nowhere".into(), ["is no port", "HOST:PORT"]),
         ("--foxglove 999999".into(), ["is no port", "HOST:PORT"]),
         ("--mcap m.toml".into(), ["--mcap", "m.toml"]),

@@ -236,7 +236,7 @@ function session(what, work) {
 
 function stopRig() {
   $("rig-stop").disabled = true;
-  $("rig-stage").textContent = "stopping: the pump is being told";
+  $("rig-stage").textContent = "stopping the pump";
   worker?.postMessage({ stop: true });
 }
 

@@ -224,7 +224,7 @@ async function put(name, bytes) {
 async function take(list) {
   for (const file of list) {
     if (file.size > LARGEST) {
-      throw new Fault({ text: `${file.name} has ${Math.round(file.size / 2 ** 20)} MiB, more than the ${LARGEST / 2 ** 20} that a page can diagnose. Split the recording, keep every tenth row, or use the command rig.` });
+      throw new Fault({ text: `${file.name} has ${Math.round(file.size / 2 ** 20)} MiB, more than the ${LARGEST / 2 ** 20} that a page can diagnose. Split the recording, keep every tenth row, or use softrig.` });
     }
   }
   for (const file of list) {
@@ -232,7 +232,7 @@ async function take(list) {
     try {
       bytes = await file.arrayBuffer();
     } catch {
-      throw new Fault({ text: `${file.name} cannot be read; a folder cannot, nor a file that was moved since.` });
+      throw new Fault({ text: `${file.name} cannot be read: is it a folder, or was it moved?` });
     }
     await put(file.name, bytes);
   }
@@ -329,8 +329,8 @@ function show(found) {
   const good = found.recordings.filter((it) => !it.fault);
   $("others").replaceChildren(...[
     ...(found.effects ? [[found.effects.name, `effects of your own: ${found.effects.kinds.join(", ") || "none"}`]] : []),
-    ...(found.folder ? [[found.folder, "says what the columns are where nothing else does"]] : []),
-    ...found.meta_alone.map((name) => [name, "metadata, and the recording that they belong to is not here"]),
+    ...(found.folder ? [[found.folder, "default columns and units"]] : []),
+    ...found.meta_alone.map((name) => [name, "metadata without their recording"]),
   ].map(([name, what]) => made("li", {}, made("b", { textContent: name }), ` ${what} `, away(name))));
   // What is broken is seen first, and many recordings do not hide what is below them.
   const inOrder = [...found.recordings].sort((a, b) => Boolean(b.fault) - Boolean(a.fault)).map(run);
@@ -343,7 +343,7 @@ function show(found) {
     $(section).hidden = !isThere;
   }
   const named = keys.map((key) => $("column-" + key).value).some((it) => it !== "");
-  $("detected").textContent = said ? "As you said. The pictures above show what comes of it."
+  $("detected").textContent = said ? "As you set it. The pictures above show the result."
     : named ? "Found by the names in the header. Check the pictures above: a name is no proof. Correct here what is wrong."
       : "The header says what is where. If a column holds something else, say so.";
   save($("save-layout"), "schema = 1\n" + found.section, "application/toml");
@@ -380,7 +380,7 @@ function run(it) {
   if (it.fault) {
     figure.append(made("p", { className: "fault", textContent: it.fault.text }));
     // The words are the command's, and so are the flags in them.
-    if (it.fault.text.includes("--")) figure.append(made("p", { className: "remark", textContent: "Here these flags are the fields of Columns and units." }));
+    if (it.fault.text.includes("--")) figure.append(made("p", { className: "remark", textContent: "On this page, use the fields of Columns and units." }));
     return figure;
   }
   const picture = made("div");
@@ -421,7 +421,7 @@ function model(about) {
 async function first(recordings, withBeam) {
   if (recordings && ![...files.keys()].some((name) => !/\.toml$/.test(name))) {
     $("drop").scrollIntoView({ block: "center" });
-    throw new Fault({ text: "There is no recording yet: drop two at least, or take material and dimensions alone." });
+    throw new Fault({ text: "No recording yet: drop at least two, or use material and dimensions alone." });
   }
   const all = withBeam ? ["length", "width", "height"].map((id) => typed(id, id)) : [null, null, null];
   const some = all.filter((it) => it !== null).length;
@@ -479,7 +479,7 @@ function stop() {
   $("stop").disabled = true;
   if (suspends) {
     worker.postMessage({ stop: true });
-    say("Stopping: the step under way is being ended …");
+    say("Stopping: finishing the current step …");
   } else {
     end(`Stopped; this is no diagnosis. ${best.charAt(0).toUpperCase()}${best.slice(1)}.`);
   }
@@ -578,5 +578,5 @@ $("first-beam").addEventListener("click", identified(false, true));
 $("first-both").addEventListener("click", identified(true, true));
 $("diagnose").addEventListener("click", () => attempt("Diagnosing …", diagnose));
 $("stop").addEventListener("click", stop);
-$("example").addEventListener("click", () => attempt("Making recordings of an actuator that hides something …", example));
+$("example").addEventListener("click", () => attempt("Simulating an actuator with a hidden effect …", example));
 $("clear").addEventListener("click", () => attempt("Clearing …", clear));

@@ -22,9 +22,9 @@ pub const INFO: Info = Info {
     title: "damping that depends on the angle",
     place: Place::Force,
     equation: "C → C(1 + c₁|θ|)",
-    text: "A bent actuator is damped otherwise than a straight one: its wall is strained, its \
-           folds rub, its tube is squeezed. Swings of the same size about 60° and about 90° die \
-           away at different speeds, whatever their amplitude.",
+    text: "A bent actuator is damped differently from a straight one: its wall is strained, its \
+           folds rub, its tube is squeezed. Swings of the same size about 60° and 90° decay at \
+           different rates, whatever their amplitude.",
     signature: "angular velocity, more at some angles than at others",
     look_alikes: &["quadratic_damping", "maxwell_branch"],
     family: Family::RateDamping,

@@ -20,9 +20,9 @@ pub const INFO: Info = Info {
     title: "damping that differs between the directions",
     place: Place::Force,
     equation: "C → C(1 + a) where ω < 0",
-    text: "Bending and returning are damped differently: the elastomer loses otherwise when it is \
-           released than when it is strained, or the air leaves by another way than it came. The \
-           edges upwards and downwards would need different damping; rest angles are not touched.",
+    text: "Bending and returning are damped differently: the elastomer dissipates differently in \
+           loading and unloading, or the air leaves by a different path. Rising and falling edges \
+           need different damping; rest angles are not affected.",
     signature: "angular velocity, on one side of zero",
     look_alikes: &["vent_asymmetry"],
     family: Family::RateDamping,

@@ -43,9 +43,9 @@ pub const INFO: Info = Info {
     title: "hysteresis (Bouc–Wen)",
     place: Place::Force,
     equation: "Q = a w, D ẇ = ω − ½|ω|w − B ω|w|",
-    text: "The way back differs from the way there however slowly it is gone: filled rubber, \
-           fibres that slide in the wall, layers that shift. After each reversal the actuator \
-           first gives way like a spring, then like a friction of a/(½ + B); the loop does not \
+    text: "Loading and unloading paths differ however slow the motion: filled rubber, fibres that \
+           slide in the wall, layers that shift. After each reversal the force first acts like a \
+           spring, then like a friction of a/(½ + B); the loop does not \
            shrink as the cycle slows. The shape B makes its ends round or pointed; at −½ and \
            below, the force grows as far as the actuator bends (Bouc 1967, Wen 1976, with β = ½ \
            and γ = B).",

@@ -30,7 +30,7 @@ pub const INFO: Info = Info {
     equation: "K → K[1 − δ(1 − e^{−θ_max/θ_m})]",
     text: "The elastomer loses a part of its stiffness where it is stretched further than ever \
            before in the run. The first bend to a new largest angle needs more pressure than all \
-           later ones to the same angle; work the actuator a few times before a run and it goes.",
+           later ones to the same angle; cycling the actuator before a run removes it.",
     signature: "largest angle so far",
     look_alikes: &["stiffness_drift", "maxwell_branch"],
     family: Family::FirstStretch,

@@ -22,7 +22,7 @@ pub const INFO: Info = Info {
     equation: "τ ṗ_c = p − p_c",
     text: "The pressure sensor sits in the line, the actuator feels the chamber, and the tube \
            between them takes time to fill. The measured angle follows every edge of the pressure \
-           late and rounded; slow parts and rest angles are not touched.",
+           late and rounded; slow parts and rest angles are unaffected.",
     signature: "time since the last command edge",
     look_alikes: &["dead_time", "sensor_lag"],
     family: Family::InputPath,

@@ -23,8 +23,8 @@ pub const INFO: Info = Info {
     title: "second mode of vibration",
     place: Place::Sensor,
     equation: "ξ̈ + 2ζ₂ω₂ξ̇ + ω₂²ξ = −b θ̈, y = θ + ξ, ω₂ = 2πf₂",
-    text: "Something swings along that the model has no coordinate for: the tip wags, the sensor \
-           strip flutters. After each edge of the pressure the angle carries a faster ripple of \
+    text: "Something vibrates that the model has no coordinate for: the tip wags, the sensor strip \
+           flutters. After each edge of the pressure the angle carries a faster ripple of \
            always the same frequency, which dies away and leaves rest angles as they are.",
     signature: "a narrow line in the spectrum after each edge",
     look_alikes: &["periodic_disturbance"],

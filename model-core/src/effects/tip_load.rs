@@ -34,9 +34,8 @@ pub const INFO: Info = Info {
     title: "load at the tip",
     place: Place::Force,
     equation: "Q = m a sin(κθ + θ₀ + φ), M + m a λ/g₀",
-    text: "What hangs at the tip pulls with the sine of the angle and takes part in the motion. \
-           How much hangs there is said of each recording; how far a kilogram goes is estimated \
-           from all of them.",
+    text: "A load at the tip pulls with the sine of the angle and adds inertia. Its mass is given \
+           for each recording; the effect of a kilogram is estimated from all of them.",
     signature: "between recordings with different loads",
     look_alikes: &["gravity"],
     family: Family::Other,

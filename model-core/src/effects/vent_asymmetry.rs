@@ -24,8 +24,8 @@ pub const INFO: Info = Info {
     place: Place::Input,
     equation: "τ ṗ_c = p − p_c, τ = τ_fill where p > p_c, else τ_vent",
     text: "The chamber fills at one speed and empties at another: a pump pushes the air in, and \
-           it leaves through a narrow vent. Edges upwards and downwards are late by different \
-           times; slow parts and rest angles are not touched.",
+           it leaves through a narrow vent. Rising and falling edges have different delays; slow \
+           parts and rest angles are not affected.",
     signature: "time since the last command edge, up and down apart",
     look_alikes: &["asymmetric_damping"],
     family: Family::InputPath,

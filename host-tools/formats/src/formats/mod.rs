@@ -212,7 +212,7 @@ impl Samples {
                     .or(names::unit_in(quantity, name));
                 let unit = unit.map_or(["s", "kpa", "deg"][quantity as usize], Unit::name);
                 return Err(InputError::new(
-                    format!("the name of {name} says that its values are {factor} times the {}, and no scale is said", quantity.key()),
+                    format!("the name of {name} says that its values are {factor} times the {}, but no scale is set", quantity.key()),
                     format!("add --units {0}={unit}*{factor}, or --units {0}={unit}*1 if the name is wrong", quantity.key()),
                 )
                 .in_column(name));
@@ -222,7 +222,7 @@ impl Samples {
             };
             if self.columns.unit(quantity).is_none() && !unit.is_promised() {
                 return Err(InputError::new(
-                    format!("the name of {name} has another unit in it than a recording has, and none is said"),
+                    format!("{name} has an unexpected unit in its name, and no unit was given"),
                     format!(
                         "add --units {0}={1}, or --units {0}={2} if the name is wrong",
                         quantity.key(),
@@ -785,7 +785,7 @@ fn unusable(values: [f64; 3]) -> Option<(Quantity, InputError)> {
 fn not_usable(written: &str) -> InputError {
     InputError::new(
         format!("{written} is not a number that can be used"),
-        "delete the rows in which the sensor gave nothing; gaps in time are allowed",
+        "delete the rows without a reading; gaps in time are allowed",
     )
 }
 

@@ -104,10 +104,10 @@ impl Step {
     pub const fn purpose(self) -> &'static str {
         match self {
             Self::Identity => {
-                "The firmware is the one that this rig was built with, its settings arrive as it checks them, and nothing is latched from before."
+                "The firmware matches this softrig, its settings are read back as stored, and no fault is latched from before."
             }
             Self::SelfTest => {
-                "The board steps the model with every effect of the catalogue, and this computer does the same: equal to the last bit, or predictions on the board mean nothing."
+                "Board and computer both step the model with every effect of the catalogue: unless they agree to the last bit, the board's predictions mean nothing."
             }
             Self::Telemetry => {
                 "A line every 10 ms, none lost or damaged: gaps and late periods would look like dynamics."
@@ -119,13 +119,13 @@ impl Step {
                 "The diagnosis takes the sensors' noise for white and their zeros for constant. Mains hum, drift and coarse steps are seen best while nothing moves."
             }
             Self::Switches => {
-                "Each switch opens when it is pressed and when its wire is pulled, and no other one does: only so do they stop a pump."
+                "Each switch opens when pressed and when its wire is pulled, and no other does: otherwise it could not stop the pump."
             }
             Self::Homing => {
                 "The plunger finds the retracted switch twice at the same place: no lost steps, no loose switch."
             }
             Self::Stroke => {
-                "The board measures and keeps the way between its end switches: no setting lets the pump go beyond it. Twice the same is also that no step is lost on the whole way."
+                "The board measures and stores the stroke between its end switches: no setting lets the pump exceed it. Two equal strokes also show that no steps are lost."
             }
             Self::EmergencyStop => {
                 "The button stops a moving pump, opens the vent and takes the 12 V away, whatever the firmware does."
@@ -193,7 +193,7 @@ impl Step {
                 "Listen for leaks at fittings and actuator (soapy water), look for a tube that is bent or blocked, at the vent valve and its transistor, and at the pressure sensor's plug."
             }
             Self::Relief => {
-                "Set the valve 10 to 20 % above max.kpa and below what the actuator stands, or replace it; no pressure without it."
+                "Set the valve 10 to 20 % above max.kpa, below the actuator's limit, or replace it; no pressure without it."
             }
             Self::Watchdog => {
                 "If the light on pin 13 flickers fast and the port stays silent, the bootloader loops: take the power away, and write a newer bootloader (docs/hardware/wiring.md)."
@@ -342,7 +342,7 @@ impl Result {
         if failed.is_empty() {
             return Self::of(step, Outcome::Passed, said.into(), measured);
         }
-        let sentence = format!("Not as it should be: {}.", failed.join("; "));
+        let sentence = format!("Outside limits: {}.", failed.join("; "));
         Self::of(step, Outcome::Failed, sentence, measured)
     }
 

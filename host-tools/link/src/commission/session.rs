@@ -238,7 +238,7 @@ impl<'o> Session<'o> {
                 self.operator.ended(&finding);
                 finding
             } else {
-                Finding::skipped(step, "Not asked for.")
+                Finding::skipped(step, "Not selected.")
             };
             findings.push(finding);
         }
@@ -270,7 +270,7 @@ impl<'o> Session<'o> {
         if needs_hands && !self.operator.has_hands() {
             return Ok(Some(Finding::skipped(
                 step,
-                "Nobody was there to press or to look: make this step at a terminal.",
+                "This step needs a person: run it at a terminal.",
             )));
         }
         if step == Step::Relief && self.is_simulated {
@@ -409,7 +409,7 @@ impl<'o> Session<'o> {
                 Limit::AtLeast(total),
             ),
             Measured::new(
-                "of them other than here, by a bit or more",
+                "steps that differ from this computer's",
                 (steps.len() - equal) as f64,
                 "",
                 Limit::AtMost(0.0),
@@ -465,9 +465,7 @@ impl<'o> Session<'o> {
             let times = 1.0 / rate.factor;
             return Ok(Finding::skipped(
                 Step::Clock,
-                format!(
-                    "Simulated time passes {times:.1} times as fast as ours: nothing to compare."
-                ),
+                format!("Simulated time runs {times:.1} times as fast as real time: not compared."),
             ));
         }
         let measured = vec![
@@ -526,18 +524,13 @@ impl<'o> Session<'o> {
             if index == 0 {
                 let mean = values.iter().sum::<f64>() / values.len() as f64;
                 let limit = Limit::Within(-ZERO_KPA, ZERO_KPA);
-                measured.push(Measured::new(
-                    "pressure without pressure",
-                    mean,
-                    unit,
-                    limit,
-                ));
+                measured.push(Measured::new("pressure reading at rest", mean, unit, limit));
             }
             let noise = Noise::of(&values);
             measured.extend(noise.measure(name, unit, per_minute, deviation, drift));
             if noise.levels <= 8 {
                 sentences.push(format!(
-                    "The {name} shows only {} different readings: its noise is below a count of the converter, or it is stuck; the step `pressure` tells.",
+                    "The {name} shows only {} different readings: its noise is below one converter count, or it is stuck; the `pressure` step decides.",
                     noise.levels
                 ));
             }
@@ -565,7 +558,7 @@ impl<'o> Session<'o> {
             }) => {
                 return Ok(Finding::failed(
                     Step::Switches,
-                    "This firmware cannot say how its switches stand: flash the one of this version.",
+                    "This firmware does not report its switches: flash the matching version.",
                     Vec::new(),
                 ));
             }
@@ -584,7 +577,7 @@ impl<'o> Session<'o> {
         if !self.operator.has_hands() {
             return Ok(Finding::skipped(
                 Step::Switches,
-                "All are closed while untouched. Nobody was there to press them: make this step at a terminal.",
+                "All are closed when untouched. To test them pressed, run this step at a terminal.",
             ));
         }
         for switch in Switch::ALL {
@@ -640,7 +633,7 @@ impl<'o> Session<'o> {
             Measured::new("first homing", first_s, "s", Limit::AtMost(60.0)),
             Measured::new("second homing", second_s, "s", Limit::AtMost(60.0)),
             Measured::new(
-                "second home beside the first",
+                "shift of the second home",
                 steps,
                 "microsteps",
                 Limit::Within(-within, within),
@@ -689,7 +682,7 @@ impl<'o> Session<'o> {
         let measured = vec![
             Measured::new("stroke", first, "microsteps", Limit::AtLeast(1.0)),
             Measured::new(
-                "second stroke beside the first",
+                "change of the second stroke",
                 second - first,
                 "microsteps",
                 Limit::Within(-STROKE_STEPS, STROKE_STEPS),

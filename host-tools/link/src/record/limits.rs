@@ -56,7 +56,7 @@ pub fn check_limits(
             let limit = settings.number(Key::SetpointMaxPressure);
             if pressure > limit {
                 advice.push(format!(
-                    "segment {}: by the model on the board, {highest}° take {pressure:.0} kPa, and it allows {limit} kPa: the actuator will not get there",
+                    "segment {}: the board's model needs {pressure:.0} kPa for {highest}° and allows {limit} kPa: the actuator will not reach it",
                     index + 1
                 ));
             }

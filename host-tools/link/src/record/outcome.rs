@@ -148,6 +148,6 @@ fn told_lost(steps: i32) -> String {
         "farther in"
     };
     format!(
-        "{most} microsteps were lost: at the end the plunger stood {way} than pump_ul says; look at the driver's current and 12 V, at the coupling, and at what the plunger rubs on\n"
+        "{most} microsteps were lost: at the end the plunger stood {way} than pump_ul says; check the driver's current and 12 V, the coupling, and whether the plunger rubs\n"
     )
 }

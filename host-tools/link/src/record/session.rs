@@ -495,7 +495,7 @@ impl Session<'_> {
             });
         if let Err(error) = kept {
             self.attendant.warns(&format!(
-                "the second before the fault is lost, the recording is not: {error:#}"
+                "only the second before the fault is lost: {error:#}"
             ));
         }
     }
@@ -537,7 +537,7 @@ impl Session<'_> {
         match counted.and_then(|machine| stopped.map(|_| machine)) {
             Ok(machine) => self.recorder.about.lost_steps = machine.lost_steps,
             Err(error) => self.attendant.warns(&format!(
-                "whether steps were lost is not known, the recording is whole: {error}"
+                "the recording is complete; lost steps were not checked: {error}"
             )),
         }
     }

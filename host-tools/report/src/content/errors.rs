@@ -123,8 +123,8 @@ pub(super) fn tested(diagnosis: &Diagnosis) -> Option<String> {
     let starts: Vec<String> = starts.collect();
     (!starts.is_empty()).then(|| {
         format!(
-            "Test runs chose nothing, their zeros are those of the fitted runs, and each starts \
-             from what is said and nothing else: {}.",
+            "Test runs did not affect the selection. Their zeros are those of the fitted runs; \
+             their starting points: {}.",
             starts.join(", ")
         )
     })

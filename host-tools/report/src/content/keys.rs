@@ -28,7 +28,7 @@ pub struct Key {
 const EXPLAINED: &str = "error explained";
 
 /// The note where nothing is named.
-const UNNAMED: &str = "by a repair without a name";
+const UNNAMED: &str = "by an unnamed repair";
 
 /// The four key numbers: the error, the noise floor, and two that depend on the answer.
 pub(super) fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
@@ -52,7 +52,7 @@ pub(super) fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                     "{:.2}",
                     held_out.nominal / held_out.floor.max(f64::MIN_POSITIVE)
                 ),
-                "1 is as good as it gets",
+                "1 is the best possible",
             ),
             key(
                 "runs",
@@ -93,12 +93,12 @@ pub(super) fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                     .first()
                     .map(|best| best.probability),
                 match undecided {
-                    Finding::OutOfTime { .. } => "of what came closest, among what was tried",
+                    Finding::OutOfTime { .. } => "of the closest candidate tried",
                     Finding::Shape { .. } => "of the best formula, among what was tried",
                     Finding::Trace { .. } => {
                         "among what was tried, but its parameters are not determined"
                     }
-                    _ => "of the best explanation: too little for a name",
+                    _ => "of the best explanation: too low to name it",
                 },
             ),
         ],
@@ -116,7 +116,7 @@ pub(super) fn keys(diagnosis: &Diagnosis) -> Vec<Key> {
                 "missing force",
                 format!("{} N", short(diagnosis.gap.rms)),
                 format!(
-                    "RMS; {} of the largest that the model knows",
+                    "RMS; {} of the largest modelled force",
                     percent(diagnosis.gap.rms / diagnosis.gap.known.max(f64::MIN_POSITIVE))
                 ),
             ),
@@ -156,7 +156,7 @@ fn error_key(diagnosis: &Diagnosis) -> Key {
         finding if added && !finding.is_quiet() => (
             from_to(held_out.refit, held_out.repaired_on_board),
             format!(
-                "RMS, refitted → repaired without a name; nominal {}",
+                "RMS, refitted → unnamed repair; nominal {}",
                 diagnosis.shown(held_out.nominal)
             ),
         ),
@@ -199,7 +199,7 @@ fn noise_note(floor: &NoiseFloor, shown: f64, measurand: &Measurand) -> String {
     let source = floor.source();
     if 3.0 * floor.input > shown {
         let input = measurand.value(floor.input);
-        format!("{source}, and the {input} that noise of the pressure leaves")
+        format!("{source}, and {input} from pressure noise")
     } else {
         source.to_owned()
     }
@@ -233,7 +233,7 @@ mod tests {
         };
         assert_eq!(
             noise_note(&floor, 0.036, &Measurand::default()),
-            "spread between repeats, and the 1.15° that noise of the pressure leaves"
+            "spread between repeats, and 1.15° from pressure noise"
         );
     }
 }

@@ -98,8 +98,8 @@ impl Content {
     pub fn leave_out_unnamed(&mut self) {
         self.upload = false;
         self.refused = Some(
-            "No effect is named, so the written model has none: it is refitted alone. Without \
-             --named-only it holds what lowers the error."
+            "No effect is named, so the written model is only refitted. Without --named-only it \
+             also contains what lowers the error."
                 .into(),
         );
     }

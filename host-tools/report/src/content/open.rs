@@ -29,7 +29,7 @@ pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
             open.extend(look_alikes(diagnosis));
             if !diagnosis.adequacy.exact_form {
                 open.push(format!(
-                    "Whether the formula holds to the letter, or only the kind of effect: {}.",
+                    "Whether the formula is exact or only the kind of effect right: {}.",
                     left_over(diagnosis)
                 ));
             }
@@ -43,8 +43,8 @@ pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
                 .into(),
         ),
         Finding::Trace { .. } => open.push(
-            "Whether that is it. Record runs that show it more strongly before you upload the \
-             model: what it gains here it may lose on others."
+            "Whether this is the cause. Record runs that show it more strongly before you upload \
+             the model: it may not hold on others."
                 .into(),
         ),
         Finding::Rivals { .. } => open.push("Which of the explanations is the right one.".into()),
@@ -55,8 +55,8 @@ pub(super) fn open(diagnosis: &Diagnosis) -> Vec<String> {
         ),
     }
     open.push(
-        "The gain of the angle sensor cannot be told from stiffness, damping and input gain, nor \
-         the scale of the inertia from anything: neither is fitted."
+        "The angle sensor's gain is confounded with stiffness, damping and input gain, and the \
+         scale of the inertia is not identifiable: neither is fitted."
             .into(),
     );
     open
@@ -86,12 +86,10 @@ impl Alike {
     /// The text about all of them.
     fn text(self) -> &'static str {
         match self {
-            Self::ToldApart => "These recordings tell what is named from its look-alikes",
+            Self::ToldApart => "Look-alikes that these recordings rule out",
             Self::NotSeparated => "Look-alikes that these recordings do not separate from it",
-            Self::MoreGeneral => {
-                "More general effects, of which it is a special case and which bring nothing beyond it"
-            }
-            Self::NotTried => "Look-alikes that were not fitted to the end in its place",
+            Self::MoreGeneral => "More general effects that include it and improve nothing",
+            Self::NotTried => "Look-alikes without a final fit",
         }
     }
 }

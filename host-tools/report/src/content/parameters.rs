@@ -175,7 +175,7 @@ fn parameter_row(fit: &Fit, id: ParameterId, nominal: Option<f64>) -> ParameterR
         unit: parameter_unit(&fit.model, id),
         unknown: match (free, moved) {
             (true, _) => "not determined by these runs",
-            (false, true) => "set: only its ratio to the others shows",
+            (false, true) => "fixed: only ratios to it matter",
             (false, false) => "held",
         },
         changed: free || moved,

@@ -96,7 +96,7 @@ pub(super) fn lettered(diagnosis: &Diagnosis) -> Option<String> {
         .map(|(letter, rival)| format!("{letter} is {}", titles(&rival.added)))
         .collect();
     Some(format!(
-        "{}. A run that tells them apart is one on which their curves part.",
+        "{}. Runs on which their curves diverge tell them apart.",
         letters.join(", ")
     ))
 }
@@ -158,8 +158,8 @@ fn turning(diagnosis: &Diagnosis) -> Option<String> {
     let mut proposals = diagnosis.proposals.iter();
     let is_proposed = proposals.any(|(proposal, _)| proposal.protocol.setup.tilt_deg.is_some());
     (is_open && !is_turned && !is_proposed).then(|| {
-        "Whether it is a weight: turn the base by 90° without zeroing the angle anew, record the same \
-         runs with --setup tilt_deg=90, and give both. Nothing but a weight changes."
+        "Whether it is a weight: turn the base by 90° without re-zeroing the angle, record the \
+         same runs with --setup tilt_deg=90, and diagnose both. Only a weight changes."
             .into()
     })
 }
@@ -177,7 +177,7 @@ fn measuring_the_tube(diagnosis: &Diagnosis) -> Option<String> {
     (is_open && diagnosis.data.tube_mm().is_none()).then(|| {
         "Whether it is the air in the tube: write the tube's length (tube_mm) below [setup] in the \
          metadata of these recordings, record again with a tube several times as long and --setup \
-         tube_mm=…, and give both. Nothing but what the air does changes."
+         tube_mm=…, and diagnose both. Only what the air does changes."
             .into()
     })
 }

@@ -52,8 +52,8 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             noise(diagnosis)
         ),
         Finding::Noisy => format!(
-            "These recordings cannot tell whether something is missing: only noise is left, {}, and \
-             that hides what is smaller.",
+            "These recordings cannot tell whether something is missing: only noise is left, {}, \
+             and it hides smaller effects.",
             noise(diagnosis)
         ),
         Finding::Quiet { refitted: true, .. } => {
@@ -65,7 +65,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
             of_the_error(*strength)
         ),
         Finding::Shape { of, families, .. } => format!(
-            "The model lacks {}: a force of the {} that no formula follows, and a table does.",
+            "The model lacks {}: a force of the {} described by a table, but no formula.",
             in_words(families),
             of.name()
         ),
@@ -91,10 +91,10 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
                 .as_ref()
                 .map_or(&diagnosis.repaired.added, |closest| &closest.kinds);
             if closest.is_empty() {
-                "Something is missing, and the time was up before it was found.".into()
+                "Something is missing, but time ran out before it was found.".into()
             } else {
                 let closest = with_capital(&titles(closest));
-                format!("Something is missing. {closest} came closest until the time was up.")
+                format!("Something is missing. {closest} came closest before time ran out.")
             }
         }
         Finding::Unexplained { .. } => match closed_most(diagnosis) {
@@ -104,7 +104,7 @@ pub fn sentence(diagnosis: &Diagnosis) -> String {
                 with_capital(&titles(&tried.kinds)),
                 percent(closed)
             ),
-            _ => "Something is missing, and it is none of the effects that are known.".into(),
+            _ => "Something is missing, but no known effect explains it.".into(),
         },
     }
 }
@@ -198,7 +198,7 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
         } => format!(
             "On validation runs, the model as supplied leaves {nominal} and the refitted one \
              {refit}, where noise alone leaves {floor}. No effect that was tried explains the \
-             rest, and it is below {}, what may remain (--tolerance).",
+             rest, which is below the tolerance of {}.",
             diagnosis.shown(diagnosis.tolerance)
         ),
         Finding::Quiet {
@@ -235,27 +235,26 @@ pub(super) fn lede(diagnosis: &Diagnosis) -> String {
                 "Nothing that was tried until then predicts better.".into()
             } else {
                 format!(
-                    "With {} it is {repaired}, which is no name: what was not tried may do better.",
+                    "Adding {} gives {repaired}, but no diagnosis: untried effects may do better.",
                     titles(&diagnosis.repaired.added)
                 )
             }
         ),
         Finding::Shape { .. } => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
-             alone leaves {floor}. With the effect and a table beside it, it is {repaired}: what is \
-             missing depends on the right variable, by a formula that is not known."
+             alone leaves {floor}. Adding the effect and a table gives {repaired}: the missing \
+             force depends on that variable by an unknown formula."
         ),
         Finding::Trace { .. } => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
-             alone leaves {floor}. With {} it is {repaired}. But a parameter of it is at the end of \
-             its range or may be zero, or these runs do not show what sets it apart: take it for a \
-             hint.",
+             alone leaves {floor}. With {} it is {repaired}. But one of its parameters is at a \
+             bound or may be zero, or these runs do not distinguish it: treat it as a hint.",
             titles(&diagnosis.repaired.added)
         ),
         Finding::Rivals { rivals, .. } => format!(
             "Refitting the parameters leaves {refit} on validation runs, where noise \
              alone leaves {floor}. Several explanations close that gap, and these recordings \
-             speak for none of them clearly. {}",
+             favour none of them clearly. {}",
             what_separates(diagnosis, rivals.len())
         ),
         Finding::Unexplained { .. } => format!(
@@ -308,11 +307,11 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
         return String::new();
     };
     if closed < 0.005 {
-        return "Nothing that was tried explains any of that. ".into();
+        return "No candidate explains any of it. ".into();
     }
     format!(
-        "The best of all that was tried explains {} of what is beyond the noise, over three \
-         horizons together. {} ",
+        "The best candidate explains {} of the error beyond the noise, over three horizons \
+         together. {} ",
         percent(closed),
         shortfall(closed)
     )
@@ -322,8 +321,8 @@ fn why_no_name(diagnosis: &Diagnosis) -> String {
 fn shortfall(closed: f64) -> String {
     let needed = Policy::STANDARD.part;
     if closed >= needed {
-        "That share would do for a name, but the rest of the evidence does not: what it gains \
-         over simpler explanations could be chance, or is too little on validation runs."
+        "That share would suffice for a name, but the other evidence does not: the gain over \
+         simpler explanations could be chance, or is too small on validation runs."
             .into()
     } else {
         format!(
@@ -340,7 +339,7 @@ fn what_separates(diagnosis: &Diagnosis, rivals: usize) -> &'static str {
         .as_ref()
         .is_some_and(|ended| ended.lacks(SearchPart::Experiment))
     {
-        "With more time, a run that would separate them is looked for."
+        "Time ran out before a run to separate them was planned."
     } else if !next_suffices(diagnosis) {
         "No run that the board can make is expected to separate them: a different measurement \
          is needed."

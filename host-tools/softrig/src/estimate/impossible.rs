@@ -136,7 +136,7 @@ fn refuse_unbelievable(recording: &Recording) -> Result<(), InputError> {
                 .collect();
             return Err(InputError::new(
                 format!(
-                    "{count} of {} samples of the {channel} are impossible ({:.0} %), the first at {}: the {channel} cannot be believed",
+                    "{count} of {} samples of the {channel} are impossible ({:.0} %), the first at {}: the {channel} cannot be trusted",
                     recording.len(),
                     100.0 * count as f64 / recording.len() as f64,
                     first.join(", ")

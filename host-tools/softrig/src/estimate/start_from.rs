@@ -54,7 +54,7 @@ impl StartFrom {
         if self.used() < count {
             return Ok(());
         }
-        let found = format!("has {count} samples, and all of them would say where it starts");
+        let found = format!("has {count} samples, so none would be left to score");
         let error = InputError::new(found, "start from fewer: --start-from 20");
         Err(error.in_file(&recording.path))
     }

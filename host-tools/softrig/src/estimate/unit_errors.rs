@@ -387,7 +387,7 @@ fn refused(unit_error: &Columns, whole: &str, first: &Recording) -> InputError {
     } else if unit_error.air_kpa.is_some() {
         (
             format!(
-                "the pressure looks absolute, that of the air included: the model agrees better with {whole} if pressure_kpa is read so"
+                "the pressure looks absolute: the model agrees better with {whole} if pressure_kpa is read so"
             ),
             "--absolute-pressure=0 if it is gauge pressure",
         )

@@ -73,7 +73,7 @@ impl FirstModel {
         let table: f64 = geometry.material.exponent();
         let fitted = self.model.value(ParameterId::Exponent).unwrap_or(f64::NAN);
         let why = format!(
-            "the recordings themselves say that the exponent is {}, and the table has {} for it",
+            "the recordings give the exponent {}, the table {}",
             four_digits(fitted),
             four_digits(table)
         );
@@ -110,7 +110,7 @@ impl FirstModel {
         if let Some(evidence) = &self.evidence {
             text += &format!("\n# {}\n", fitted_to(evidence, recordings));
             if evidence.explains_little() {
-                text += "# It explains little of the motion: see what softrig init said.\n";
+                text += "# It explains little of the motion: see softrig init output.\n";
             }
         }
         if let Some(unused) = self.unused_material() {
@@ -212,7 +212,7 @@ fn actuator(geometry: &Geometry, fitted: bool) -> String {
     };
     let mut text = String::from("\n[actuator]\n");
     if geometry.assumed {
-        text += "# GUESS: the authors' actuator, for want of yours\n";
+        text += "# GUESS: value of the authors' actuator\n";
     }
     if let Some(beam) = beam_stiffness(geometry).filter(|_| fitted) {
         text += &format!(

@@ -487,7 +487,7 @@ fn fit_several(
     if !others.is_empty() {
         writeln!(
             out,
-            "{} notes on single curves: fit a curve by itself to read them, or take --json",
+            "{} notes on single curves: fit one curve alone to read them, or use --json",
             others.len()
         )?;
     }

@@ -704,12 +704,12 @@ fn a_recording_is_converted_there_and_back_with_its_metadata() {
             .assert()
             .success()
             .stdout(contains("run.").and(contains("3 samples")))
-            .stderr(contains("run.csv: is not complete"));
+            .stderr(contains("run.csv: is incomplete"));
         bench
             .line(&format!("convert {there} -o back/run.csv"))
             .assert()
             .success()
-            .stderr(contains("is not complete"));
+            .stderr(contains("is incomplete"));
         assert_eq!(bench.text("back/run.csv"), RECORDED, "{format}");
         assert_eq!(bench.text("back/run.meta.toml"), META, "{format}");
         // What was recorded is never replaced.
@@ -798,6 +798,6 @@ fn a_batch_says_that_a_recording_is_not_complete() {
     assert!(
         bench
             .text("out/first/warnings.txt")
-            .contains("is not complete")
+            .contains("is incomplete")
     );
 }

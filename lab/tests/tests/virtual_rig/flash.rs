@@ -119,7 +119,7 @@ fn what_is_no_image_is_refused_and_nothing_is_opened() {
     let text = said(&output);
     assert_eq!(output.status.code(), Some(2), "{text}");
     assert!(
-        text.contains("blink.hex") && text.contains("no firmware"),
+        text.contains("blink.hex") && text.contains("complete softrig firmware"),
         "{text}"
     );
 }

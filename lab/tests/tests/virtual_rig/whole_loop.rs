@@ -305,6 +305,6 @@ fn the_next_experiment_decides() {
     assert_ne!(was, now);
     fs::write(&turned, now).unwrap();
     let said = rig(&folder, &next);
-    assert!(said.contains("No further run is made: "), "{said}");
+    assert!(said.contains("Stopped: "), "{said}");
     assert!(said.contains("as if it was turned by"), "{said}");
 }

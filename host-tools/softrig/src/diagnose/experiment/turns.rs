@@ -173,12 +173,12 @@ impl Group {
         };
         let (said, advice) = match self.said {
             Some(tilt) => (
-                format!("the base is said to be turned by {tilt}°"),
+                format!("the stated turn of the base is {tilt}°"),
                 "correct tilt_deg in the metadata, positive in the direction in which it bends; if it \
                  is right, no weight acts on the actuator",
             ),
             None => (
-                "nothing is said of a turned base".to_owned(),
+                "no turn of the base is stated".to_owned(),
                 "if it was, write tilt_deg below [setup] in the metadata",
             ),
         };
@@ -255,7 +255,7 @@ mod tests {
         let found = said(&[90.0, 0.0, 0.0], &[Some(90.0), None, Some(90.0)]);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(
-            found[0].contains("_2: and 4 other recordings: the base is said to be turned by 90°"),
+            found[0].contains("_2: and 4 other recordings: the stated turn of the base is 90°"),
             "{found:?}"
         );
         assert!(found[0].contains("as if it was not turned"), "{found:?}");
@@ -273,7 +273,10 @@ mod tests {
     fn who_turns_the_base_the_other_way_is_told() {
         let found = said(&[0.0, -90.0], &[None, Some(90.0)]);
         assert_eq!(found.len(), 1, "{found:?}");
-        assert!(found[0].contains("said to be turned by 90°"), "{found:?}");
+        assert!(
+            found[0].contains("stated turn of the base is 90°"),
+            "{found:?}"
+        );
         assert!(
             found[0].contains("as if it was turned by -90°"),
             "{found:?}"

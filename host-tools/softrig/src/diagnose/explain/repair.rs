@@ -39,7 +39,7 @@ impl Diagnosis {
     pub fn model_text(&self, nominal: &ModelFile) -> String {
         let what = match &self.finding {
             named if named.named().into_iter().any(is_term) => {
-                "Added by softrig diagnose: a force that no effect of the catalogue makes.".into()
+                "Added by softrig diagnose: a force that is not in the catalogue.".into()
             }
             Finding::Quiet { .. } | Finding::Named { .. } => "Added by softrig diagnose.".into(),
             Finding::OutOfTime { .. } | Finding::Unexplained { .. } => {
@@ -88,7 +88,7 @@ impl Diagnosis {
         if let Finding::Rivals { .. } = self.finding {
             return Upload::Refused(
                 "These recordings do not tell the explanations apart: upload none of them yet. A \
-                 wrong one predicts these runs as well, and others not."
+                 wrong one predicts these runs too, but not others."
                     .into(),
             );
         }

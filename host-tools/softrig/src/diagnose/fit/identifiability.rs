@@ -60,16 +60,16 @@ impl Identifiability {
             let name = name(id);
             text.push(match id {
                 ParameterId::Inertia => format!(
-                    "{name} is held at its nominal value: together with the others nothing in these recordings determines it"
+                    "{name} is held at its nominal value: these recordings do not determine it alongside the others"
                 ),
                 _ => format!(
-                    "{name} is held as first fitted: together with the others nothing in these recordings determines it"
+                    "{name} is held as first fitted: these recordings do not determine it alongside the others"
                 ),
             });
         }
         if order == Order::First {
             text.push(
-                "without an effect the motion is of first order: the inertia does not show, and only the ratios of damping, stiffness and gain count".to_owned(),
+                "without an effect the motion is first-order: the inertia is not identifiable, only the ratios of damping, stiffness and gain are".to_owned(),
             );
         }
         let is_the_scale = |direction: &UnidentifiableDirection| {
@@ -81,7 +81,7 @@ impl Identifiability {
             text.push(match names.as_slice() {
                 [only] => format!("{only} is hardly determined by these recordings"),
                 _ => format!(
-                    "{} can change together almost unnoticed: their values are not to be trusted one by one",
+                    "{} can change together almost unnoticed: do not trust their individual values",
                     names.join(", ")
                 ),
             });
@@ -92,7 +92,7 @@ impl Identifiability {
             }
             let name = name(id);
             text.push(if fit.is_nothing(index) {
-                format!("{name} ended at nothing: these recordings show none of it")
+                format!("{name} ended at zero: these recordings show none of it")
             } else {
                 format!("{name} ended at the edge of the range that was searched")
             });

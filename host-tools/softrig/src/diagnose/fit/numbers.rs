@@ -66,12 +66,12 @@ pub fn far_numbers(file: &ModelFile, refit: &Fit) -> Vec<Concern> {
             let name = parameter_name(&refit.model, *id);
             let text = if moved > 0.0 {
                 format!(
-                    "without any effect, {name} ends at {} times that of the model",
+                    "without any effect, {name} ends at {} times its nominal value",
                     short(libm::exp(moved))
                 )
             } else {
                 format!(
-                    "without any effect, {name} ends at 1/{} of that of the model",
+                    "without any effect, {name} ends at 1/{} of its nominal value",
                     short(libm::exp(-moved))
                 )
             };

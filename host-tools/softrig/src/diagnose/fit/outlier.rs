@@ -84,7 +84,7 @@ pub fn outlying_recording(
     let recording = &segment.recording;
     let unit = recording.measurand.unit();
     let why = format!(
-        "the others agree among themselves to {:.2}{unit} and miss it by {:.2}{unit}; alone it asks for {:.2} times their {}",
+        "the others agree among themselves to {:.2}{unit} and miss it by {:.2}{unit}; alone it gives {:.2} times their {}",
         without.rmse().to_degrees(),
         predicted.to_degrees(),
         ratio,

@@ -291,13 +291,13 @@ fn sentences(features: &[Feature], missing: f64, known: f64, measurand: &Measura
     };
     let name = |feature: &Feature| measurand.named(feature.name, feature.unit).0;
     let mut sentences = vec![format!(
-        "The model lacks a force of {} N RMS, {} of the largest that it knows.",
+        "The model lacks a force of {} N RMS, {} of its largest force.",
         short(missing),
         percent(missing / known)
     )];
     if first.share < WORTH_SAYING {
         sentences.push(format!(
-            "It goes with nothing in particular: the {} explains {} of it, everything else less.",
+            "It depends on no single variable: the {} explains {} of it, all others less.",
             name(first),
             percent(first.share)
         ));

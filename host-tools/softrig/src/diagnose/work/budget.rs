@@ -78,11 +78,9 @@ impl SearchPart {
             Self::Terms => "not every formula beyond the catalogue was tried",
             Self::Table => "no table of what is left was tried",
             Self::Calibrated => "effects were not tried with zeros as calibrated",
-            Self::WithoutOutlier => {
-                "nothing was tried again without the recording that behaves like another actuator"
-            }
-            Self::Setups => "whether the rig stood as it is said was not looked at",
-            Self::Experiment => "no run that would separate what remains was looked for",
+            Self::WithoutOutlier => "the search was not repeated without the outlying recording",
+            Self::Setups => "the stated rig setups were not checked",
+            Self::Experiment => "no run to separate the rivals was planned",
         }
     }
 }
@@ -133,14 +131,14 @@ impl Ended {
         let kinds = self.kinds().len();
         let mut clauses: Vec<String> = match kinds {
             0 => Vec::new(),
-            1 => vec!["one effect was not tried to the end".into()],
-            _ => vec![format!("{kinds} effects were not tried to the end")],
+            1 => vec!["one effect was not fully tried".into()],
+            _ => vec![format!("{kinds} effects were not fully tried")],
         };
         let others = self.undone.iter();
         let others = others.filter(|part| !matches!(part, SearchPart::Alone(_)));
         clauses.extend(others.map(|part| part.clause().to_owned()));
         let advice = if self.is_open() {
-            "With more time the answer may be another."
+            "With more time the answer may change."
         } else {
             "With more time the answer is the same."
         };
@@ -148,7 +146,7 @@ impl Ended {
             [head @ .., last] if !head.is_empty() => format!("{}, and {last}", head.join(", ")),
             _ => clauses.concat(),
         };
-        format!("The {budget} was up before the search was done: {undone}. {advice}")
+        format!("The {budget} ran out before the search ended: {undone}. {advice}")
     }
 }
 
@@ -217,9 +215,9 @@ mod tests {
         let ended_by = ended(Budget::Time(Duration::from_secs(90)), &parts);
         assert_eq!(
             ended_by.sentence(),
-            "The time of 1 min 30 s was up before the search was done: 2 effects were not tried \
-             to the end, and not every combination of effects was tried. With more time the \
-             answer may be another."
+            "The time of 1 min 30 s ran out before the search ended: 2 effects were not fully \
+             tried, and not every combination of effects was tried. With more time the answer may \
+             change."
         );
         let mut names = ended_by.not_tried();
         names.sort_unstable();

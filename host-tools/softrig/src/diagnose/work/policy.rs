@@ -65,11 +65,11 @@ policy! {
     /// A structure that adds effects to the named ones is the repaired model if it leaves
     /// at most this share of their remaining error.
     adds_to_repair: 0.8, "–", "a fifth: less is not worth another effect on the board";
-    /// What the refit leaves, less than this share of the range of the angle, does not matter
-    /// where no effect explains it, unless the user says otherwise.
+    /// Default tolerance: an unexplained error of the refit below this share of the range of the
+    /// angle does not matter.
     tolerance: 0.01, "range", "accuracy of a calibrated flex sensor";
-    /// That nothing is missing is not said where the noise is more than this share of the range
-    /// of the angle.
+    /// "Nothing is missing" is not claimed if the noise exceeds this share of the range of the
+    /// angle.
     most_noise: 0.02, "range", "twice `tolerance`: it would hide what matters";
     /// A formula is wrong if a table of its own variable, added to it, leaves at most this
     /// share of its error, fitted and held out.

@@ -74,10 +74,10 @@ impl Stage {
     const fn title(self) -> &'static str {
         match self {
             Self::Reading => "reading the recordings",
-            Self::Affordable => "how many samples the time is enough for",
+            Self::Affordable => "number of samples that fit the time",
             Self::Quality => "quality of the recordings",
             Self::Refit => "refit of the nominal structure",
-            Self::Leading => "fits of the effects that the score puts first",
+            Self::Leading => "fits of the highest-ranked effects",
             Self::Final => "final fits of the best single effects",
             Self::Everywhere => "coarse fits of all effects, one at a time",
             Self::Terms => "formulas beyond the catalogue",

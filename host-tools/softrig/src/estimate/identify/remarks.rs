@@ -98,7 +98,7 @@ fn in_motion(data: &Dataset) -> Option<Concern> {
         Concern::of(
             Matter::InMotion,
             None,
-            format!("{which} while the actuator moves: angle, rate and what creep or hysteresis kept from before are estimated"),
+            format!("{which} while the actuator moves: angle, rate and the state of creep or hysteresis are estimated"),
             "begin a recording at rest where you can",
         )
     })
@@ -151,7 +151,7 @@ pub fn far_zeros(fit: &Fit, data: &Dataset) -> Vec<Concern> {
                     short(worst),
                     short(NEAR * deviation)
                 ),
-                "calibrate it and record again; if it stays, it stands for an offset of the rig or for an effect that the model lacks, and parameters and names lean on it",
+                "calibrate it and record again; if it persists, it reflects an offset of the rig or a missing effect, and biases parameters and names",
             ))
         })
         .collect()
