@@ -4,22 +4,6 @@
 //! M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = F,   F = g·p        (paper, Eq. 13)
 //! ```
 //!
-//! | symbol | quantity | unit |
-//! |---|---|---|
-//! | θ | bending angle | rad |
-//! | M | effective inertia | kg·m |
-//! | C | damping | N·s/rad |
-//! | K | stiffness | N/radⁿ |
-//! | n | exponent of Ludwick's law | – |
-//! | g | input gain | N/Pa |
-//! | p | gauge pressure | Pa |
-//! | Q | sum of the forces of the effects | N |
-//!
-//! The paper writes M in kg, which does not close dimensionally beside a force
-//! and an angle: M is an *effective* inertia in kg·m. From angle and pressure
-//! alone only the ratios to M can be identified, so M is held unless told
-//! otherwise. θⁿ is read as sign(θ)|θ|ⁿ, since θⁿ is undefined for θ < 0.
-//!
 //! [`Model`] is the configuration, validated once; [`State`] is what changes.
 
 use core::fmt;
@@ -189,6 +173,18 @@ pub type Slot<R> = Effect<R, InModel>;
 /// A validated model: the base equation and its effects.
 ///
 /// `P` is the power function; see [`crate::power`].
+///
+/// ```text
+/// M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = F,   F = g·p        (paper, Eq. 13)
+/// ```
+///
+/// θ is the bending angle (rad), p the gauge pressure (Pa), Q the sum of the forces of the
+/// effects (N); the others are in [`Dynamics`]. θⁿ is read as sign(θ)|θ|ⁿ, since θⁿ is
+/// undefined for θ < 0.
+///
+/// The paper writes M in kg, which does not close dimensionally beside a force and an angle:
+/// M is an *effective* inertia in kg·m. From angle and pressure alone only the ratios to M can
+/// be identified, so M is held unless told otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
     dynamics: Dynamics<R>,

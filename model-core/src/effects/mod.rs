@@ -1,25 +1,10 @@
 //! What an effect is, and one file for each.
 //!
-//! An effect is a piece of physics that a real rig adds to the base equation.
-//! It can act in four places, and every effect is written as what it does in
-//! each of them:
+//! An effect is a piece of physics that a real rig adds to the base equation. [`Mechanism`]
+//! says what it does in each of the four places where it can act.
 //!
-//! | place | method | example |
-//! |---|---|---|
-//! | input path | [`Mechanism::delay`], [`Mechanism::input`] | lag of the tube |
-//! | parameters | [`Mechanism::modulate`] | exponent, drift of the stiffness |
-//! | force | [`Mechanism::force`] | friction, gravity |
-//! | sensor path | [`Mechanism::sensor`] | lag of the sensor |
-//!
-//! An effect may keep up to two hidden states of its own. They are
-//! integrated with the motion if [`Mechanism::integrates`] says so and they have a
-//! rate; one without a rate is a memory of events that [`Mechanism::note`] updates after a step,
-//! such as the largest angle so far. To add an effect, write a file here and name
-//! it in [`crate::catalogue`]; tests say what else must know. `docs/effects.md` is
-//! written from what the files here say.
-//!
-//! Several effects form a chain on the input path and another on the sensor
-//! path, in the order of the model: each sees what the one before it leaves.
+//! To add an effect, write a file here and name it in [`crate::catalogue`]; tests say what else
+//! must know. `docs/effects.md` is written from what the files here say.
 
 use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
@@ -113,6 +98,20 @@ pub struct Sign<R> {
 }
 
 /// What an effect does. Every method defaults to doing nothing.
+///
+/// | place | method | example |
+/// |---|---|---|
+/// | input path | [`Mechanism::delay`], [`Mechanism::input`] | lag of the tube |
+/// | parameters | [`Mechanism::modulate`] | exponent, drift of the stiffness |
+/// | force | [`Mechanism::force`] | friction, gravity |
+/// | sensor path | [`Mechanism::sensor`] | lag of the sensor |
+///
+/// Several effects form a chain on the input path and another on the sensor path, in the order
+/// of the model: each sees what the one before it leaves.
+///
+/// Hidden states are integrated with the motion if [`Mechanism::integrates`] says so and they
+/// have a rate. One without a rate is a memory of events that [`Mechanism::note`] updates after a
+/// step, such as the largest angle so far.
 pub trait Mechanism<R: Real> {
     /// Whether hidden states are integrated with the motion.
     fn integrates(&self) -> bool {
