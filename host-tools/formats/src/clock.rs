@@ -4,21 +4,8 @@
 //! is often not when a sample was taken: a computer stamps rows when they arrive, and a serial
 //! buffer delivers ten at once; a logger stamps whole seconds; a counter of 32 or 16 bits begins
 //! again; a board is reset; a buffer is written twice. Each of these leaves a pattern that no
-//! sampling leaves, and only where that pattern is there the times are changed:
-//!
-//! | pattern | what becomes of it |
-//! |---|---|
-//! | rows that repeat rows before them, also whole blocks | left out |
-//! | one row whose time fits to neither neighbour | left out |
-//! | rows a few places from where they belong | sorted |
-//! | time falls by 2¹⁶ or 2³² of a unit, or by a day | unwrapped |
-//! | time falls otherwise | a [break](crate::recording::Recording::breaks) |
-//! | most rows arrive together with others | line through the last stamp of each burst |
-//! | many rows have the same time | line through the first row of each time |
-//! | stamps scatter about an even clock, and the motion is smoother along that clock | that clock |
-//!
-//! Times that are uneven in another way are left alone: they may be exact. The last pattern would
-//! also fit to a timer whose late samples are stamped right, so there the motion decides.
+//! sampling leaves, and only where that pattern is there the times are changed ([`mend`]). Times
+//! that are uneven in another way are left alone: they may be exact.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -135,6 +122,20 @@ pub(crate) struct Mended {
 pub(crate) struct Disorder(pub usize);
 
 /// Looks for the patterns, and mends the clock; none where there is nothing to mend.
+///
+/// | pattern | what becomes of it |
+/// |---|---|
+/// | rows that repeat rows before them, also whole blocks | left out |
+/// | one row whose time fits to neither neighbour | left out |
+/// | rows a few places from where they belong | sorted |
+/// | time falls by 2¹⁶ or 2³² of a unit, or by a day | unwrapped |
+/// | time falls otherwise | a [break](crate::recording::Recording::breaks) |
+/// | most rows arrive together with others | line through the last stamp of each burst |
+/// | many rows have the same time | line through the first row of each time |
+/// | stamps scatter about an even clock, and the motion is smoother along that clock | that clock |
+///
+/// The last pattern would also fit to a timer whose late samples are stamped right, so there the
+/// motion decides.
 pub(crate) fn mend(rows: &Rows) -> Result<Option<Mended>, Disorder> {
     let usual = usual_step(rows.time);
     if usual <= 0.0 && rows.time.len() > 1 {

@@ -5,13 +5,6 @@
 //! is our own, because fits need derivatives and errors need columns
 //! (`docs/decisions/0044-effects-by-formula.md`).
 //!
-//! | binds | operators | side |
-//! |---|---|---|
-//! | least | `+` `-` | left |
-//! | | `*` `/` | left |
-//! | | sign `-` `+` | |
-//! | most | `^` | right |
-//!
 //! The text is untrusted: its length, its depth and its intermediate results are limited,
 //! so that parsing is fast and cannot exhaust the stack.
 
@@ -96,6 +89,13 @@ impl Fault {
 }
 
 /// A formula, read.
+///
+/// | binds | operators | side |
+/// |---|---|---|
+/// | least | `+` `-` | left |
+/// | | `*` `/` | left |
+/// | | sign `-` `+` | |
+/// | most | `^` | right |
 #[derive(Clone, Debug, PartialEq)]
 pub struct Formula {
     instructions: Vec<Instruction>,

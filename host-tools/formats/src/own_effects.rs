@@ -1,29 +1,8 @@
 //! Effects with the user's own formulas: `[[effect]]` with `kind = "custom"`.
 //!
 //! Such an effect is in a model file, with the values of its parameters, or in a file of
-//! effects for `softrig diagnose --effects`, with their initial guesses. The keys are the same:
-//!
-//! ```toml
-//! [[effect]]
-//! kind = "custom"
-//! name = "my_friction"
-//! title = "my friction"       # how sentences call it; the name without it
-//! force = "a*tanh(w/b)"       # Q in N: above zero it pushes towards smaller angles
-//!
-//! [effect.parameters]
-//! a = { value = 0.02, min = 0.0, max = 1.0, unit = "N" }
-//! b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
-//! ```
-//!
-//! A force that depends on what was before has a memory, or two: a hidden state that follows
-//! something with a time constant, which is a parameter. After a long rest it is what it follows:
-//!
-//! ```toml
-//! force = "c*(th^3 - z)"
-//!
-//! [effect.memory]
-//! z = { follows = "th^3", time_constant = "tau" }     # ż = (th³ − z)/tau
-//! ```
+//! effects for `softrig diagnose --effects`, with their initial guesses. The keys are the same
+//! (`docs/custom-effects.md`).
 //!
 //! Each definition is kept until the program ends, once per text, so that the thousands of
 //! copies of a model hold only a reference.
@@ -280,6 +259,16 @@ pub struct DeclaredParameter {
 }
 
 /// A memory as it stands in a section: ż = (g − z)/τ.
+///
+/// A force that depends on what was before has a memory, or two: a hidden state that follows
+/// something with a time constant, which is a parameter. After a long rest it is what it follows:
+///
+/// ```toml
+/// force = "c*(th^3 - z)"
+///
+/// [effect.memory]
+/// z = { follows = "th^3", time_constant = "tau" }     # ż = (th³ − z)/tau
+/// ```
 #[derive(Clone, Debug)]
 pub struct DeclaredMemory {
     /// Its name, z.
@@ -445,6 +434,18 @@ fn single(value: f64) -> f32 {
 }
 
 /// Reads a section `[[effect]]` with `kind = "custom"`.
+///
+/// ```toml
+/// [[effect]]
+/// kind = "custom"
+/// name = "my_friction"
+/// title = "my friction"       # how sentences call it; the name without it
+/// force = "a*tanh(w/b)"       # Q in N: above zero it pushes towards smaller angles
+///
+/// [effect.parameters]
+/// a = { value = 0.02, min = 0.0, max = 1.0, unit = "N" }
+/// b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
+/// ```
 pub(crate) fn read_section(
     reader: &Reader<'_>,
     section: &Table,

@@ -1,14 +1,7 @@
 //! Times that are written as a clock shows them.
 //!
-//! | form | |
-//! |---|---|
-//! | `2024-05-01T12:00:00.020Z` | ISO 8601, with a blank for the T, without the Z or with an offset |
-//! | `2024-05-01 12:00:00.020 PM`, `12:00:00.020 PM` | of twelve hours |
-//! | `01.05.2024 12:00:00,020` | the German form |
-//! | `12:00:00.020` | a time of the day |
-//! | `5/1/2024 12:00:00` | a time of the day: whether the month comes first nobody knows |
-//! | `00:12.5` | minutes and seconds, as Excel shows them |
-//! | `0 days 00:00:00.020` | a duration of pandas |
+//! Spreadsheets, loggers and data-frame libraries each write a time in their own form. All of them
+//! become seconds here ([`read`]).
 
 use crate::error::InputError;
 
@@ -40,6 +33,16 @@ pub fn all(fields: &[String]) -> Option<Stamps> {
 }
 
 /// Reads a time; none if the field is none, as a number.
+///
+/// | form | |
+/// |---|---|
+/// | `2024-05-01T12:00:00.020Z` | ISO 8601, with a blank for the T, without the Z or with an offset |
+/// | `2024-05-01 12:00:00.020 PM`, `12:00:00.020 PM` | of twelve hours |
+/// | `01.05.2024 12:00:00,020` | the German form |
+/// | `12:00:00.020` | a time of the day |
+/// | `5/1/2024 12:00:00` | a time of the day: whether the month comes first nobody knows |
+/// | `00:12.5` | minutes and seconds, as Excel shows them |
+/// | `0 days 00:00:00.020` | a duration of pandas |
 pub fn read(field: &str) -> Option<Stamp> {
     let field = field.trim();
     if !field.is_ascii() || !field.contains(':') {
