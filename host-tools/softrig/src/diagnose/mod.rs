@@ -1,4 +1,4 @@
-//! Diagnosis: which effect does a model lack?
+//! Diagnosis: which effect does a model lack? A false name is worse than "cannot tell".
 //!
 //! A row is a room, and knows only the rooms above it:
 //!
@@ -10,15 +10,9 @@
 //! | [`fit`] | structures with effects, fitted; which parameters are [determined](fit::identifiability) |
 //! | [`evidence`] | errors [held out](evidence::validation), how sure a difference is, doubts |
 //! | [`mod@decide`] | the answer, made once, as a [finding](decide::finding) and a [verdict](decide::verdict) |
-//! | [`mod@search`] | which structures are fitted, and what is left of them |
+//! | [`mod@search`] | which structures are fitted, and what is left of them; it asks the decision whether to go on |
 //! | [`experiment`] | the run that separates rivals; whether the rig stood as it is said |
 //! | [`explain`] | all of it as a [`Diagnosis`], in words and in JSON, and the [repaired model](explain::repair) |
-//!
-//! The search comes after the decision because it asks it whether to go on. A wrong parameter is
-//! not a missing effect, so that the nominal structure is refitted first; where that leaves noise, the
-//! diagnosis ends. A [budget](work::budget) can end it early: the answer then claims less.
-//!
-//! A false name is worse than "cannot tell".
 
 pub mod decide;
 pub mod evidence;
@@ -78,6 +72,10 @@ use work::progress::Stage;
 pub use work::request::Request;
 
 /// Diagnoses a model against recordings.
+///
+/// A wrong parameter is not a missing effect, so the nominal structure is refitted first; where that
+/// leaves only noise, the diagnosis ends. A [budget](work::budget) can end it early: the answer then
+/// claims less.
 ///
 /// # Errors
 ///
