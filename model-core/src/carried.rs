@@ -107,7 +107,7 @@ impl<R: Real> Branch<R> {
         }
     }
 
-    /// Carries the force over a step in which the actuator moves evenly by so much (rad).
+    /// Carries the force over a step in which the actuator moves evenly by `moved` (rad).
     #[inline]
     pub fn carry(&self, force: &mut R, moved: R) {
         *force = *force * self.keep + moved * self.gain;

@@ -233,8 +233,7 @@ fn reduce(x: f32) -> (f32, u32) {
     }
 }
 
-/// The sine of `rest` plus a number of quarter turns, of which the low two bits
-/// matter.
+/// The sine of `rest` plus a number of quarter turns, whose low two bits matter.
 fn sin_of_quarter(rest: f32, quarters: u32) -> f32 {
     let z = rest * rest;
     let value = if quarters & 1 == 0 {

@@ -13,7 +13,6 @@ use crate::elementary::ln;
 /// Chords of one direction, where both are alike.
 const CHORDS: usize = 64;
 
-/// Octaves.
 const OCTAVES: u8 = 8;
 
 /// Nodes: one more than chords in either direction.
@@ -201,7 +200,7 @@ impl Glide {
         self.unit = if lost > self.unit { lost } else { self.unit };
         self.node += 1;
         if self.node >= self.count() {
-            // Not zero, by which is divided.
+            // Never zero, since it divides.
             let largest = self.unit.max(f32::MIN_POSITIVE * FULL * PART);
             self.unit = largest / (FULL * PART);
             self.stage = Stage::Losses;

@@ -246,7 +246,7 @@ impl<E: Mechanism<f32>> Part for Mapped<E> {
     #[inline(always)]
     fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         step.chamber = self.0.input(step.chamber, memory, &mut [0.0; 2]);
-        // A play is where it was pushed to; what has no memory has no use for it.
+        // A play rests where it was pushed to; effects without a memory ignore this.
         memory[0] = step.chamber;
         0.0
     }

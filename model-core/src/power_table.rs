@@ -15,7 +15,6 @@ use crate::power::{Minimax, Power, signed_power};
 /// Chords of an octave.
 const CHORDS: usize = 64;
 
-/// Octaves.
 const OCTAVES: usize = 16;
 
 /// The biased exponent of the lowest octave: 2⁻¹⁴ rad.
@@ -204,8 +203,8 @@ impl PowerTable {
     }
 }
 
-/// `units`·2^(`exponent` − 129) with a sign, for 0 < `units` < 2²⁴; 0 where that is no
-/// normal number.
+/// `units`·2^(`exponent` − 129) with a sign, for 0 < `units` < 2²⁴; 0 where that is not a normal
+/// number.
 #[inline]
 fn assemble(units: u32, exponent: u8, sign: u8) -> f32 {
     let [u0, u1, mut top, _] = units.to_le_bytes();

@@ -108,7 +108,7 @@ impl History {
         }
     }
 
-    /// The pressure (Pa) so many samples ago.
+    /// The pressure (Pa) `samples` ago.
     fn back(&self, samples: usize) -> f32 {
         let newest = usize::from(self.newest);
         let back = samples.min(MEMORY - 1);
@@ -279,7 +279,7 @@ impl Predictor {
         (f32::from(self.late) + self.part) * STEP_S
     }
 
-    /// The pressure (Pa) at the sensor that accelerates the actuator by so much (rad/s²):
+    /// The pressure (Pa) at the sensor that gives the actuator this acceleration (rad/s²):
     /// [`Prepared::pressure_for`]. A dead time is not inverted.
     pub fn pressure_for(&self, prediction: &Prediction, acceleration: f32) -> f32 {
         self.prepared.pressure_for(&prediction.motion, acceleration)
@@ -292,7 +292,7 @@ impl Predictor {
 }
 
 impl Prediction {
-    /// Steps since its clock was at zero: since the start, but for [`Predictor::start_at`].
+    /// Steps since its clock was at zero: since the start, except after [`Predictor::start_at`].
     pub fn steps(&self) -> u32 {
         self.steps
     }

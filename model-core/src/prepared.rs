@@ -20,9 +20,8 @@ use crate::power::{Minimax, Power};
 use crate::power_table::{EXPONENTS, PowerTable};
 use crate::real::Real;
 
-/// Cycles that the steps of one period may take: 12.5 % of a processor of 16 MHz at
-/// 100 Hz. The rest of the firmware takes 61 % at full flow of the pump, so that no model
-/// brings it above 75.
+/// Cycles that the steps of one period may take: 12.5 % of a processor of 16 MHz at 100 Hz. The
+/// rest of the firmware takes 61 % at full flow of the pump, so no model brings it above 75 %.
 pub const BUDGET_CYCLES: u32 = 20_000;
 
 /// Cycles of a step of the base equation, at most, on an ATmega2560. An effect adds its
@@ -519,9 +518,9 @@ impl Prepared {
         }
     }
 
-    /// The pressure (Pa) at the sensor that accelerates the actuator by so much (rad/s²) from
-    /// where it is: the inverse of the equation of motion, with what the effects remember. The
-    /// lags of the input path are not inverted.
+    /// The pressure (Pa) at the sensor that gives the actuator this acceleration (rad/s²) where it
+    /// is: the inverse of the equation of motion, with what the effects remember. The lags of the
+    /// input path are not inverted.
     #[inline(never)]
     pub fn pressure_for(&self, motion: &Motion, acceleration: f32) -> f32 {
         let Base {

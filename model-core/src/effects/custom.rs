@@ -24,7 +24,7 @@ use crate::real::Real;
 /// The most parameters of a formula. Every slot of a model has room for them.
 pub const MAX_PARAMETERS: usize = 6;
 
-/// The most memories of a formula: an effect has room for so many hidden states.
+/// The most memories of a formula: an effect has room for as many hidden states.
 pub const MAX_MEMORIES: usize = 2;
 
 /// The most results that a program keeps at once.
@@ -186,9 +186,8 @@ pub struct Program<'p> {
 }
 
 impl<'p> Program<'p> {
-    /// Creates a program after checking that it reads none of its results before
-    /// it is there, and no parameter beyond `parameters` or memory beyond `memories`; none if
-    /// it does.
+    /// Creates a program after checking that it reads each result only after it is written, and no
+    /// parameter beyond `parameters` or memory beyond `memories`; none otherwise.
     pub fn new(
         instructions: &'p [Instruction],
         result: Operand,

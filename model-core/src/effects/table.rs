@@ -379,11 +379,11 @@ impl<R: Real> Mechanism<R> for Table<R> {
     }
 }
 
-/// What stands in the slot of a table whose numbers the model keeps beside its
-/// slots. By itself it does nothing.
+/// Marks the slot of a table whose numbers the model keeps beside its slots. By itself it does
+/// nothing.
 ///
-/// A model keeps at most one table, and beside the slots: it is eight times as large as any other
-/// effect, and a board has little RAM.
+/// A model keeps at most one table, which is eight times as large as any other effect: a board has
+/// little RAM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InModel;
 

@@ -91,8 +91,7 @@ parameters! {
 }
 
 impl<R: Real> TipLoad<R> {
-    /// The weight of a load of `mass` (kg), on a base of which the angle was zeroed at `tilt`
-    /// (rad).
+    /// The weight of a load of `mass` (kg), on a base whose angle was zeroed at `tilt` (rad).
     #[must_use]
     pub fn weight(&self, mass: R, tilt: R) -> Gravity<R> {
         Gravity {
