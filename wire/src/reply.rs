@@ -22,7 +22,7 @@ use crate::{
 /// and computer must agree on it.
 pub const VERSION: u8 = 3;
 
-/// How a remark for people begins.
+/// How a remark for people begins: the banner after a reset, help, the sentence of a fault.
 pub const REMARK: &str = "#: ";
 
 macro_rules! refusals {

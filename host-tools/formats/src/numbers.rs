@@ -38,8 +38,8 @@ pub fn evidence(value: f64) -> String {
     }
 }
 
-/// The normalised RMS fit of system identification, 1 − ‖y − ŷ‖/‖y − ȳ‖, from two RMS
-/// values. Three digits near 100 %, where models differ by less than 1 %.
+/// The normalised RMS fit of system identification, 1 − ‖y − ŷ‖/‖y − ȳ‖, from two RMS values. Whole
+/// percent; tenths above 90 %, where models differ by less than 1 %.
 pub fn fit(error: f64, spread: f64) -> String {
     let share = 1.0 - error / spread;
     if !share.is_finite() {
