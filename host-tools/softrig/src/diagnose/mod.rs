@@ -242,7 +242,6 @@ impl Pass {
         candidates.find_map(|it| outlying_recording(file, &fitter, it, floor))
     }
 
-    /// The answer.
     fn answer(&self, job: &Job) -> Finding {
         let policy = &policy::Policy::STANDARD;
         let Searched {
@@ -274,7 +273,7 @@ impl Pass {
             baseline,
             ..
         } = searched;
-        // Rivals of an answer that does not stand are not planned for.
+        // Nothing is planned for rivals of an answer that does not hold.
         let rivals = match finding {
             Finding::Rivals { .. } | Finding::Shape { .. } | Finding::Trace { .. } => {
                 found.rivals()
@@ -305,7 +304,7 @@ impl Pass {
             holdout_gap_closed: if adds { held_out.gap_closed() } else { 0.0 },
             exact_form: is_adequate && held_out.at_noise(),
         };
-        // What the answer stands on is said first.
+        // What the answer rests on is said first.
         let setups = turns::contradictions(file, data, refit, floor.rms, job);
         let (bent, steps) = if finding.is_quiet() {
             Default::default()

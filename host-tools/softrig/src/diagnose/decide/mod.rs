@@ -257,8 +257,8 @@ impl Evidence<'_> {
         }
     }
 
-    /// The probability of each effect: the sum over the structures of that size that hold
-    /// it, or an effect of which it is a special case.
+    /// The probability of each effect: the sum over the structures of that size that hold it, or an
+    /// effect that it is a special case of.
     fn inclusions(&self, named: impl Iterator<Item = Kind>, policy: &Policy) -> Vec<NamedKind> {
         let named: Vec<Kind> = named.collect();
         let rows = of_size(self.scored, named.len(), policy);
@@ -298,8 +298,8 @@ impl Evidence<'_> {
 }
 
 /// What remains of the structures. The refit has no effects; of several, the first counts. If not
-/// all structures of more than `tried` effects were measured, of a larger one that could be named a
-/// smaller one within it is taken in its place, if that could be named alone.
+/// all structures of more than `tried` effects were measured, a larger one that could be named
+/// gives way to a smaller one within it that could be named alone.
 ///
 /// 1. Of each size, the structure that leaves the least error leads, on fitted and held-out
 ///    segments together. A structure with a [`Doubt`] leads only where it leaves much less
@@ -594,15 +594,15 @@ fn cannot_be_excluded(rival: &Scored, first: &Scored, policy: &Policy) -> bool {
     ended_there || imitated
 }
 
-/// The rivals without those of which another is a special case that these recordings do not
-/// distinguish.
+/// The rivals, except those that these recordings do not distinguish from another one that is their
+/// special case.
 fn without_general_cases(
     scored: &[Scored],
     rivals: &[usize],
     leader: usize,
     policy: &Policy,
 ) -> Vec<usize> {
-    // One that would not be taken alone takes nothing's place.
+    // One that would not be taken alone replaces nothing.
     let as_good = |row: usize| {
         row == leader
             || scored[row].leaves() <= 1.0 - policy.part

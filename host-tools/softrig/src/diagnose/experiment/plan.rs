@@ -37,7 +37,7 @@ const BEYOND_DOUBT: f64 = 5.0 * VERY_STRONG;
 /// The share of a run that the angle sensor has to show for a person to call it a recording.
 const SEEN: f64 = 0.9;
 
-/// Minutes that any run takes beside its own time: to start it and to look at it.
+/// Minutes that any run needs beside its own time: to start it and to look at it.
 const ANY_RUN_MIN: f64 = 1.0;
 
 /// Minutes to turn the base.
@@ -61,7 +61,7 @@ const HEAVIER: f64 = 2.0;
 /// How long a rest is proposed (s): a person has a coffee, and the bench cools down.
 const REST_S: f64 = 600.0;
 
-/// Minutes of work and waiting that a run takes.
+/// Minutes of work and waiting that a run needs.
 pub fn work_min(protocol: &ProtocolFile) -> f64 {
     let setup = &protocol.setup;
     let each = [
@@ -94,7 +94,7 @@ pub struct Limits {
     pub tube_mm: Option<f64>,
     /// How far the actuator was bent so far (rad).
     pub stretched_rad: f64,
-    /// The largest load that hung at its tip so far (g), so that its lever is known; none where
+    /// The largest load that hung at its tip so far (g), so that its lever is known; none if
     /// nothing did.
     pub load_g: Option<f64>,
 }
@@ -140,10 +140,10 @@ impl Default for Limits {
 /// A proposed run with its expected evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposal {
-    /// The run, and how the rig is to stand for it.
+    /// The run, and the setup of the rig for it.
     pub protocol: ProtocolFile,
-    /// The pair of rivals that it separates least of those that it tells apart, by index; where it
-    /// tells none, the one that it separates most.
+    /// By index, the pair of rivals that it separates least among those that it tells apart; if it
+    /// tells none apart, the pair that it separates most.
     pub separates: (usize, usize),
     /// Expected evidence about that pair (twice a log-likelihood ratio).
     pub evidence: f64,
@@ -151,10 +151,10 @@ pub struct Proposal {
     pub decides: bool,
 }
 
-/// Ranks runs that separate `rivals`, best first: those that are expected to tell a pair of them,
-/// of these the ones that the angle sensor shows, then by how many pairs are told in a minute of
-/// work ([`work_min`]). Where none is told, by the evidence about all pairs in a minute. `noise`
-/// is the standard deviation of the measured angle (rad).
+/// Ranks runs that separate `rivals`, best first: runs that are expected to tell a pair of them
+/// apart, among these the ones that the angle sensor shows, then by the pairs told apart per minute
+/// of work ([`work_min`]). Where no pair is, by the evidence about all pairs per minute. `noise` is
+/// the standard deviation of the measured angle (rad).
 ///
 /// The smaller evidence of both directions, either rival taken as true, counts.
 pub fn proposals(

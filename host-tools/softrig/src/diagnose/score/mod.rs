@@ -66,7 +66,7 @@ const LARGEST_CHANGE: f64 = 5.0;
 /// First samples of a session, in which the filter finds its way.
 const SETTLING: usize = 3;
 
-/// Innovations beyond so many standard deviations count less (Huber).
+/// Innovations beyond this many standard deviations count less (Huber).
 const OUTLIER: f64 = 3.0;
 
 /// With how much of the most likely random force the innovations are seen, and which samples.
@@ -312,7 +312,7 @@ impl Basis {
         })
     }
 
-    /// Whether its base is that of another, as far as a start of a fit is concerned.
+    /// Whether its base is like another's, as far as the start of a fit is concerned.
     fn is_like(&self, other: &Self) -> bool {
         /// Largest ratio of their parameters.
         const ALIKE: f64 = 1.5;
@@ -681,8 +681,8 @@ impl Tracks {
     }
 }
 
-/// The parameters of an effect with the sizes of a solution; none where a force has a sign that
-/// it cannot have. What is no force goes to the edge of its range.
+/// The parameters of an effect with the sizes of a solution; none where a force has a sign that it
+/// cannot have. A size that is not a force goes to the edge of its range.
 fn sized(kind: Kind, values: &[f64], sizes: &[usize], solution: &DVector<f64>) -> Option<Vec<f64>> {
     let mut sized = values.to_vec();
     for (&place, factor) in sizes.iter().zip(solution.iter().skip(BASE)) {
@@ -745,7 +745,8 @@ pub(crate) fn product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Whole sessions at even distances in the list, of so many samples; all stay in their places.
+/// Whole sessions at even distances in the list, with about `enough` samples; all stay in their
+/// places.
 fn part(data: &Dataset, enough: usize) -> Dataset {
     let samples: usize = data.fitted().map(|it| it.recording.len()).sum();
     let stride = samples.div_ceil(enough).max(1);
