@@ -59,10 +59,6 @@ impl Residual {
 }
 
 /// Everything that a fit has to decide and that moves its result.
-///
-/// The default is a consistent pair: engineering stress against engineering strain, because the beam
-/// of [`model_core::ludwick`] integrates the stress over the undeformed section with ε = κy, which
-/// are exactly those two measures.
 #[derive(Clone, Copy, Debug, PartialEq, schemars::JsonSchema, serde::Serialize)]
 pub struct Choice {
     /// The stress measure.
@@ -79,6 +75,9 @@ pub struct Choice {
 }
 
 impl Default for Choice {
+    /// A consistent pair: engineering stress against engineering strain, because the beam of
+    /// [`model_core::ludwick`] integrates the stress over the undeformed section with ε = κy, which
+    /// are exactly those two measures.
     fn default() -> Self {
         Self {
             stress: Measure::Engineering,
