@@ -4,12 +4,7 @@
 //! The recordings are made by the same formulas that are looked for, so this
 //! is the least that a diagnosis has to do. What it is worth on recordings of
 //! others is in `real_recordings.rs`. The default tests diagnose a few examples
-//! on fixed seeds; the survey, which is asked for by name, diagnoses many and
-//! prints a row for each:
-//!
-//! ```text
-//! SOFTRIG_SURVEY_SEEDS=5 cargo test --release -p softrig-bench --test bench blind_examples -- --ignored --nocapture
-//! ```
+//! on fixed seeds; the survey diagnoses many.
 
 use std::path::Path;
 
@@ -143,6 +138,11 @@ fn setting<T: std::str::FromStr<Err: std::fmt::Debug>>(name: &str, default: T) -
     std::env::var(name).map_or(default, |text| text.parse().unwrap())
 }
 
+/// Prints a row for each example. It runs only if it is asked for by name:
+///
+/// ```text
+/// SOFTRIG_SURVEY_SEEDS=5 cargo test --release -p softrig-bench --test bench blind_examples -- --ignored --nocapture
+/// ```
 #[test]
 #[ignore = "a survey over many seeds takes minutes; see the head of this file"]
 fn survey() {

@@ -4,16 +4,9 @@
 //! head mark | content | CRC-16 of the content (2) | tail mark
 //! ```
 //!
-//! The order of writing is: both marks away, then everything between them, compared with what was
-//! meant, then both marks.
-//!
-//! Why a torn record is not taken for a whole one: a record counts only with a
-//! mark, and while anything between the marks is incomplete, both have been
-//! taken away and neither has been put back. Chance has no part in this. The
-//! checksum alone would accept one torn record in 65 536; it is here for cells
-//! that lose their charge, and for those one in 65 536 is enough. With one of two
-//! marks and the right checksum a record counts, since that is what a cut
-//! between two marks leaves, before as after the change: the content is whole.
+//! A record counts only with a mark, and while anything between the marks is incomplete, both
+//! have been taken away and neither has been put back: a torn record is never taken for a whole
+//! one, and chance has no part in this.
 
 use wire::checksum::Crc16;
 
@@ -51,6 +44,12 @@ pub struct Found {
 
 impl Found {
     /// Whether the content can be trusted.
+    ///
+    /// One of two marks and the right checksum are enough, since that is what a cut between two marks
+    /// leaves, before as after the change: the content is whole.
+    ///
+    /// The checksum alone would accept one torn record in 65 536. It is here for cells that lose their
+    /// charge, and for those one in 65 536 is enough.
     pub const fn is_whole(self) -> bool {
         self.marked && self.right
     }
@@ -136,6 +135,9 @@ enum Stage {
 const READS: u8 = 16;
 
 /// Writes a record, at most a byte a call, so that a control loop goes on meanwhile.
+///
+/// The order of writing: both marks away, then everything between them, compared with what was
+/// meant, then both marks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Writer {
     frame: Frame,

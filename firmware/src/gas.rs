@@ -1,78 +1,12 @@
 //! Compares the pressure with the plunger's volume: the gas law as a second sensor.
 //!
-//! A pressure sensor that shows less and less makes the pump push on, slowly enough for every other
-//! watch: the reading stays where it was asked for, and the true pressure rises beyond its limit.
-//! But the plunger's volume is counted in steps. With v the volume pushed in since the valve was
-//! closed, V the air that was enclosed then, at p₀, and p the gauge pressure:
+//! A pressure sensor that shows less and less makes the pump push on, slowly enough for every
+//! other watch: the reading stays where it was asked for, and the true pressure rises beyond its
+//! limit. But the plunger's volume is counted in steps, and the air that was enclosed must give a
+//! pressure for it ([`Watch`]).
 //!
-//! ```text
-//! (p₀ + p)(V − v) = p₀ V        A = v (p₀ + p)/p        p̂ = p₀ v/(A − v)
-//! ```
-//!
-//! A is the volume that the air appears to have. In a rigid and tight rig it is V, whatever the
-//! pressure. What is not ideal makes it larger:
-//!
-//! | | A − V |
-//! |---|---|
-//! | an actuator that swells by c a unit of pressure | c (p₀ + p) |
-//! | a share ε of the air that was lost | ε V p₀/p |
-//! | a reading that is e too small | about V e p₀/(p (p₀ + p)) |
-//! | air that is colder by ΔT than when it was enclosed | V (ΔT/T) p₀/p |
-//!
-//! So the smallest A that was seen is nearest to the truth, and p̂ with that one is the largest
-//! pressure that there can be. It is a fault if it exceeds the limit by `MARGIN_PA` while the sensor
-//! shows less. What the tube and the actuator hold need not be known: it is within A.
-//!
-//! # Warm air
-//!
-//! Air that is compressed quickly is warm for a second or two, and shows too small an A, which would be
-//! a false alarm once it has cooled: at 5 ml/s it is 5 to 15 % warmer than its walls. By the first law,
-//! with θ = ΔT/T, H = Vθ, and a time constant τ of cooling,
-//!
-//! ```text
-//! θ̇ = (γ − 1) v̇/(V − v) − θ/τ     Ḣ = (γ − 1) v̇ (p₀ + p)/p₀ − H/τ     A = V − H p₀/p
-//! ```
-//!
-//! τ is not known, but it is at most `COOLING_S`, and with that one H is a bound: from above where
-//! it is kept from falling below zero, since then it grows like the true one and decays more slowly; from
-//! below likewise. A is learned as if the air were as warm as it can be, and compared as if it
-//! were as cold.
-//!
-//! # Air that is lost
-//!
-//! A reading that was too small from the beginning has made A too large, and p̂ too small. But a drift goes
-//! on: at the same reading, the same air seems to become more and more. The share that seems lost is
-//!
-//! ```text
-//! x = (A/A′ − 1) p/p₀     ẋ = p/((p₀ + p) τ) of a leak     ẋ = ė/(p₀ + p) of a drift
-//! ```
-//!
-//! with A′ the smallest A that was seen at a like reading, `LEVEL_PA` apart, so that swelling does not
-//! count. `MOST_LOST` of the air are a fault. What silicone creeps and softens is less: with a third, 0.02 of an
-//! actuator that swells by 2 ml per 100 kPa, 0.055 of one that swells by 5. A′ grows by `AGEING_PER_S`, which
-//! forgives a leak of 600 s at 155 kPa.
-//!
-//! # Air that was found when the rig was armed
-//!
-//! [`crate::sight`] finds A before any run, within a few percent on the safe side, at 5 kPa. So p̂ has a bound
-//! from the first compression on, whatever a sensor shows that drifts, is late or has gone blind since: where
-//! p̂ is `BEYOND_LIMIT_PA` above the limit is the farthest place of the plunger. An actuator that swells
-//! by 2 ml per 100 kPa stands 2 ml before it at 155 kPa, one that swells by 10 ml comes to 120 kPa.
-//!
-//! # What is left
-//!
-//! Without it: A drift of up to 4 kPa/s that begins once A is known ends at 193 kPa at most. One that begins with the
-//! compression and is d fast has changed the reading by d times some 10 s when the set-point is reached.
-//! Up to then it cannot be told from more air behind the plunger, and what follows takes `MOST_LOST` to be
-//! seen. Up to 0.7 kPa/s that ends below 200 kPa too; at 1 kPa/s it may reach 207, at 2 kPa/s 228, at
-//! 4 kPa/s 267 kPa: a filling of 10 s alone leaves 155 + 40. With a `MOST_LOST` of 0.04 it would be 10 kPa less
-//! at 1 kPa/s, and silicone that softens or a leak of 1 000 s would be taken for a drift.
-//!
-//! The price: a pump that makes up for a leak looks the same. With a leak of a time constant of
-//! 2 500 s, 160 kPa may be held for 6 minutes and 140 kPa for 12 without a release; then it is this
-//! fault. (Below, the stall watch ends it after 20 minutes.) An actuator that swells by 2 ml per
-//! 100 kPa may go from 20 kPa straight to 160; one that swells by 10 ml, to 120 kPa. A release, which opens the
-//! valve, starts anew.
+//! The price: a pump that makes up for a leak looks the same, and a long hold at a high pressure
+//! of a leaking rig ends in this fault.
 
 use crate::{control::ATMOSPHERE_PA, design::PERIOD_S, stall};
 
@@ -120,6 +54,43 @@ const _: () = assert!(LEVELS < AGEING_PERIODS as usize);
 const LONG_ENOUGH: u8 = 20;
 
 /// The memory of the watch.
+///
+/// With v the volume pushed in since the valve was closed, V the air that was enclosed then, at
+/// p₀, and p the gauge pressure:
+///
+/// ```text
+/// (p₀ + p)(V − v) = p₀ V        A = v (p₀ + p)/p        p̂ = p₀ v/(A − v)
+/// ```
+///
+/// A is the volume that the air appears to have. In a rigid and tight rig it is V, whatever the
+/// pressure. What is not ideal makes it larger:
+///
+/// | | A − V |
+/// |---|---|
+/// | an actuator that swells by c a unit of pressure | c (p₀ + p) |
+/// | a share ε of the air that was lost | ε V p₀/p |
+/// | a reading that is e too small | about V e p₀/(p (p₀ + p)) |
+/// | air that is colder by ΔT than when it was enclosed | V (ΔT/T) p₀/p |
+///
+/// So the smallest A that was seen is nearest to the truth, and p̂ with that one is the largest
+/// pressure that there can be. It is a fault if it exceeds the limit by `MARGIN_PA` while the
+/// sensor shows less. What the tube and the actuator hold need not be known: it is within A. A is
+/// learned as if the air were as warm as it can be, and compared as if it were as cold (`Heat`).
+///
+/// # Limits
+///
+/// Without [`Seen::farthest`], a drift of up to 4 kPa/s that begins once A is known ends at
+/// 193 kPa at most. One that begins with the compression and is d fast has changed the reading by
+/// d times some 10 s when the set-point is reached. Up to then it cannot be told from more air
+/// behind the plunger, and what follows takes `MOST_LOST` to be seen. Up to 0.7 kPa/s that ends
+/// below 200 kPa too; at 1 kPa/s it may reach 207, at 2 kPa/s 228, at 4 kPa/s 267 kPa: a filling
+/// of 10 s alone leaves 155 + 40. With a `MOST_LOST` of 0.04 it would be 10 kPa less at 1 kPa/s,
+/// and silicone that softens or a leak of 1 000 s would be taken for a drift.
+///
+/// With a leak of a time constant of 2 500 s, 160 kPa may be held for 6 minutes and 140 kPa for 12
+/// without a release; then it is this fault. (Below, the stall watch ends it after 20 minutes.) An
+/// actuator that swells by 2 ml per 100 kPa may go from 20 kPa straight to 160; one that swells by
+/// 10 ml, to 120 kPa. A release, which opens the valve, starts anew.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
     /// Volume (µl) at which the valve was closed; none while it is open.
@@ -144,6 +115,18 @@ pub struct Watch {
 }
 
 /// Bounds of the air's heat: its volume (µl) times the share by which it is warmer than its walls.
+///
+/// Air that is compressed quickly is warm for a second or two, and shows too small an A, which
+/// would be a false alarm once it has cooled: at 5 ml/s it is 5 to 15 % warmer than its walls. By
+/// the first law, with θ = ΔT/T, H = Vθ, and a time constant τ of cooling,
+///
+/// ```text
+/// θ̇ = (γ − 1) v̇/(V − v) − θ/τ     Ḣ = (γ − 1) v̇ (p₀ + p)/p₀ − H/τ     A = V − H p₀/p
+/// ```
+///
+/// τ is not known, but it is at most `COOLING_S`, and with that one H is a bound: from above where
+/// it is kept from falling below zero, since then it grows like the true one and decays more
+/// slowly; from below likewise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Heat {
     /// At most; zero or more.
@@ -188,6 +171,12 @@ pub struct Seen {
     /// The pressure (Pa) at which the rig is stopped.
     pub limit: f32,
     /// Where the plunger may be at most (µl), by the air that was found when the rig was armed.
+    ///
+    /// [`crate::sight`] finds A before any run, within a few percent on the safe side, at 5 kPa. So p̂
+    /// has a bound from the first compression on, whatever a sensor shows that drifts, is late or has
+    /// gone blind since: where p̂ is `BEYOND_LIMIT_PA` above the limit is the farthest place of the
+    /// plunger. An actuator that swells by 2 ml per 100 kPa stands 2 ml before it at 155 kPa, one that
+    /// swells by 10 ml comes to 120 kPa.
     pub farthest: f32,
 }
 
@@ -231,6 +220,19 @@ impl Watch {
     }
 
     /// Takes a new A into the means; whether more air seems lost than can be.
+    ///
+    /// A reading that was too small from the beginning has made A too large, and p̂ too small. But a
+    /// drift goes on: at the same reading, the same air seems to become more and more. The share that
+    /// seems lost is
+    ///
+    /// ```text
+    /// x = (A/A′ − 1) p/p₀     ẋ = p/((p₀ + p) τ) of a leak     ẋ = ė/(p₀ + p) of a drift
+    /// ```
+    ///
+    /// with A′ the smallest A that was seen at a like reading, `LEVEL_PA` apart, so that swelling does
+    /// not count. `MOST_LOST` of the air are a fault. What silicone creeps and softens is less: with a
+    /// third, 0.02 of an actuator that swells by 2 ml per 100 kPa, 0.055 of one that swells by 5. A′
+    /// grows by `AGEING_PER_S`, which forgives a leak of 600 s at 155 kPa.
     #[inline(never)]
     fn learn(&mut self, pushed: f32, pressure: f32) -> bool {
         if pressure < LEAST_PA {

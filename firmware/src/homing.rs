@@ -5,15 +5,7 @@
 //! volume zero. Then it moves to a start position somewhat inside, so that the return
 //! after a release does not hit the switch.
 //!
-//! Where the counter stood when the switch let go is how far it was off: the steps that were lost
-//! since the home before.
-//!
 //! At the start position sensor and vent are tested ([`crate::sight`]), before any run pushes.
-//!
-//! The stroke is measured on the way back, so that steps lost in the sudden stop at the pushed-in
-//! switch do not count: from the place where that one lets go to the one where the retracted
-//! switch does, both left slowly. On the way out the same test is made every quarter of the air that is left:
-//! with an open vent a sensor that sees nothing looks like one that sees no pressure.
 
 use wire::{
     fault::Fault,
@@ -158,6 +150,12 @@ impl Homing {
     }
 
     /// Starts likewise, and measures the stroke.
+    ///
+    /// The stroke is measured on the way back, so that steps lost in the sudden stop at the pushed-in
+    /// switch do not count: from the place where that one lets go to the one where the retracted
+    /// switch does, both left slowly. On the way out sensor and vent are tested every quarter of the
+    /// air that is left: with an open vent a sensor that sees nothing looks like one that sees no
+    /// pressure.
     pub fn measuring(inputs: &Inputs) -> Self {
         Self {
             task: Task::Stroke,

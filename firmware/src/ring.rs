@@ -5,19 +5,18 @@
 //! with one core and byte-wide loads and stores, that only orders instructions and costs
 //! nothing; see [`Byte`].
 //!
-//! With 256 bytes the byte-wide indices wrap by themselves, so a push is a dozen
-//! instructions in an interrupt that runs 11 000 times a second. heapless' queue counts in
-//! words of the address width, whose loads an interrupt can tear here, so that it needs
-//! critical sections from portable-atomic around every one of them.
-//!
-//! The bytes are shared ones too, so no unsafe code is needed: two writers at once would only lose
-//! and mix up bytes.
+//! heapless' queue counts in words of the address width, whose loads an interrupt can tear here,
+//! so it would need critical sections from portable-atomic around every one of them.
 
 use crate::byte::Byte;
 
 /// A queue of 255 bytes with one writer and one reader.
 ///
 /// In C's order: a reader in assembly finds it by [`Ring::HEAD`] and [`Ring::TAIL`].
+///
+/// With 256 bytes the byte-wide indices wrap by themselves, so a push is a dozen instructions in an
+/// interrupt that runs 11 000 times a second. The bytes are shared ones too, so no unsafe code is
+/// needed: two writers at once would only lose and mix up bytes.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Ring<B> {

@@ -1,14 +1,9 @@
 //! The supervisor: what the rig may do in which state, and what stops it.
 //!
-//! A pump that pushes air into silicone has few ways to do harm, and all of them
-//! are a motor that runs on or a valve that stays shut. So the decision is one
-//! table of states and conditions, apart from the code that controls anything,
-//! and whatever that code asks for passes through [`Supervisor::restrain`]. The
-//! table for people is `docs/safety.md`; a test compares the two.
-//!
-//! The order of a control period: [`Supervisor::update`] with the conditions,
-//! then [`Supervisor::handle`] for what was asked, then the control logic, then
-//! [`Supervisor::restrain`] on its outputs.
+//! A pump that pushes air into silicone has few ways to do harm, and all of them are a motor that
+//! runs on or a valve that stays shut. So the decision is one table of states and conditions,
+//! apart from the code that controls anything, and whatever that code asks for passes through
+//! [`Supervisor::restrain`]. The table for people is `docs/safety.md`; a test compares the two.
 
 use wire::{fault::Fault, reply::Refusal, state::State};
 
@@ -272,6 +267,10 @@ impl Permit {
 }
 
 /// The state of the rig and the faults that are latched.
+///
+/// The order of a control period: [`Supervisor::update`] with the conditions, then
+/// [`Supervisor::handle`] for what was asked, then the control logic, then
+/// [`Supervisor::restrain`] on its outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Supervisor {
     state: State,

@@ -1,22 +1,11 @@
 //! Tests that pump, vent and pressure sensor belong to the same air, before volume is pushed.
 //!
-//! With the plunger at rest and the valve closed a little volume is pushed in, the sensor has to show it,
-//! and with the valve open it has to show that it is gone. What is learned:
+//! With the plunger at rest and the valve closed a little volume is pushed in, the sensor has to
+//! show it, and with the valve open it has to show that it is gone ([`Sight`]).
 //!
-//! | | from |
-//! |---|---|
-//! | the sensor sees the pump's air, and the vent closes | the rise |
-//! | the vent opens on the same air | the fall |
-//! | how late the sensor is | the time in which the reading falls to 1/e |
-//! | the air behind the plunger, A = v (p₀ + p)/p | the volume that was pushed and the rise |
-//! | the sensor's zero stands still | the reading before and after |
-//!
-//! A is what [`crate::gas`] and the pressure loop go by from the first stroke on: the pressure of a volume v
-//! that was pushed in is at most p₀ v/(A − v), whatever a sensor shows that is late, drifts or has gone blind
-//! since.
-//!
-//! The rise is read once it stands still: air that was compressed quickly is warm, and a reading that is late
-//! still climbs. What is still warm makes A too small, which is on the safe side.
+//! The air behind the plunger that is found is what [`crate::gas`] and the pressure loop go by from
+//! the first stroke on: the pressure of a volume v that was pushed in is at most p₀ v/(A − v),
+//! whatever a sensor shows that is late, drifts or has gone blind since.
 
 use wire::fault::Fault;
 
@@ -170,6 +159,14 @@ enum Phase {
 }
 
 /// A test that is under way.
+///
+/// | learned | from |
+/// |---|---|
+/// | the sensor sees the pump's air, and the vent closes | the rise |
+/// | the vent opens on the same air | the fall |
+/// | how late the sensor is | the time in which the reading falls to 1/e |
+/// | the air behind the plunger, A = v (p₀ + p)/p | the volume that was pushed and the rise |
+/// | the sensor's zero stands still | the reading before and after |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sight {
     phase: Phase,
@@ -324,6 +321,9 @@ impl Sight {
     }
 
     /// Whether the reading stands still, or was waited for long enough.
+    ///
+    /// The rise is read once it stands still: air that was compressed quickly is warm, and a reading
+    /// that is late still climbs. What is still warm makes A too small, which is on the safe side.
     fn is_risen(&self) -> bool {
         self.blocks.stands_still() || self.blocks.completed >= MOST_BLOCKS
     }

@@ -1,20 +1,8 @@
 //! Detects a stall: the pump steps, and the pressure does not follow.
 //!
-//! The motor has no encoder: a slipping coupling, a detached tube or a missing supply all
-//! look like completed steps. But air that is pushed into a closed volume must give a
-//! pressure. For a displaced volume Δv the isothermal gas law gives at least
-//!
-//! ```text
-//! Δp ≥ p₀ Δv / V     p₀ = 101 kPa, V: all the air that there may be
-//! ```
-//!
-//! An actuator that swells, a leak, and a small position error reduce it, so only a
-//! quarter is required, with twice the syringe for V.
-//!
-//! A `max.ul` that is too large for the syringe would put the watch off: a window of a twelfth of
-//! 500 ml is never pushed in by one of 60 ml. So the largest volume here is what
-//! [`Stroke::largest`](crate::stroke::Stroke::largest) leaves of it: what was measured, or the smallest
-//! syringe.
+//! The motor has no encoder: a slipping coupling, a detached tube or a missing supply all look
+//! like completed steps. But air that is pushed into a closed volume must give a pressure
+//! ([`follows`]).
 
 use crate::control::ATMOSPHERE_PA;
 
@@ -34,6 +22,20 @@ pub fn window(largest: f32) -> f32 {
 }
 
 /// Whether a pressure that rose (Pa) by that much follows a volume (µl) that was pushed in.
+///
+/// For a displaced volume Δv the isothermal gas law gives at least
+///
+/// ```text
+/// Δp ≥ p₀ Δv / V     p₀ = 101 kPa, V: all the air that there may be
+/// ```
+///
+/// An actuator that swells, a leak, and a small position error reduce it, so only a quarter is
+/// required, with twice the syringe for V.
+///
+/// A `max.ul` that is too large for the syringe would put the watch off: a window of a twelfth of
+/// 500 ml is never pushed in by one of 60 ml. So `largest` (µl) is what
+/// [`Stroke::largest`](crate::stroke::Stroke::largest) leaves of it: what was measured, or the
+/// smallest syringe.
 pub fn follows(largest: f32, pushed: f32, rise: f32) -> bool {
     let promised = ATMOSPHERE_PA * pushed / (AIR * largest);
     rise >= promised * SHARE

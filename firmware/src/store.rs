@@ -1,18 +1,13 @@
 //! Settings that survive a power cut, also one while they are written.
 //!
-//! A lab board loses its power by someone pulling the cable, at any moment. So
-//! there are two slots, and only the one that is not in use is ever written. A
-//! slot is a [`Frame`] around
+//! A lab board loses its power by someone pulling the cable, at any moment. So there are two
+//! slots, and only the one that is not in use is ever written. A slot is a [`Frame`] around
 //!
 //! ```text
 //! version | words | sequence (2) | settings (4 × words)
 //! ```
 //!
 //! with little-endian numbers.
-//!
-//! What is cut off while the very first record is written leaves one slot
-//! without a mark and the other as it left the factory: nothing was ever stored,
-//! and that is no damage.
 
 use wire::settings::{COUNT, Settings};
 
@@ -153,6 +148,9 @@ pub enum Loaded {
     /// The newest settings, which also pass [`check`].
     Stored,
     /// Nothing was ever stored; what a board is shipped with.
+    ///
+    /// A cut while the very first record is written gives this too, and is no damage: it leaves one
+    /// slot without a mark and the other as it left the factory.
     Shipped,
     /// Something was stored and cannot be trusted any more, or makes no sense to
     /// this firmware; what a board is shipped with.

@@ -4,22 +4,6 @@
 //! M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = F,   F = g·p        (paper, Eq. 13)
 //! ```
 //!
-//! | symbol | quantity | unit |
-//! |---|---|---|
-//! | θ | bending angle | rad |
-//! | M | effective inertia | kg·m |
-//! | C | damping | N·s/rad |
-//! | K | stiffness | N/radⁿ |
-//! | n | exponent of Ludwick's law | – |
-//! | g | input gain | N/Pa |
-//! | p | gauge pressure | Pa |
-//! | Q | sum of the forces of the effects | N |
-//!
-//! The paper writes M in kg, which does not close dimensionally beside a force
-//! and an angle: M is an *effective* inertia in kg·m. From angle and pressure
-//! alone only the ratios to M can be identified, so M is held unless told
-//! otherwise. θⁿ is read as sign(θ)|θ|ⁿ, since θⁿ is undefined for θ < 0.
-//!
 //! [`Model`] is the configuration, validated once; [`State`] is what changes.
 
 use core::fmt;
@@ -189,12 +173,24 @@ pub type Slot<R> = Effect<R, InModel>;
 /// A validated model: the base equation and its effects.
 ///
 /// `P` is the power function; see [`crate::power`].
+///
+/// ```text
+/// M θ̈ + C θ̇ + K sign(θ)|θ|ⁿ + Q = F,   F = g·p        (paper, Eq. 13)
+/// ```
+///
+/// θ is the bending angle (rad), p the gauge pressure (Pa), Q the sum of the forces of the
+/// effects (N); the others are in [`Dynamics`]. θⁿ is read as sign(θ)|θ|ⁿ, since θⁿ is
+/// undefined for θ < 0.
+///
+/// The paper writes M in kg, which does not close dimensionally beside a force and an angle:
+/// M is an *effective* inertia in kg·m. From angle and pressure alone only the ratios to M can
+/// be identified, so M is held unless told otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model<R: Real, P = <R as Real>::DefaultPower> {
     dynamics: Dynamics<R>,
     effects: [Option<Slot<R>>; MAX_EFFECTS],
-    /// The numbers of the effect that is a table. Once beside the slots, since in
-    /// each of them it would take eight times the RAM of any other effect.
+    /// The numbers of the table effect, kept once beside the slots: in each slot it would need
+    /// eight times the RAM of any other effect.
     table: Option<Table<R>>,
     /// Whether any of them has a hidden state that is integrated, looked up once.
     integrates: bool,
@@ -239,7 +235,7 @@ impl<R: Real> Derivative<R> {
 }
 
 impl<R: Real, P: Power<R>> Model<R, P> {
-    /// An inertia of one that nothing acts on: what stands where no model has come yet.
+    /// An inertia of one that nothing acts on: a placeholder until there is a model.
     pub fn inert() -> Self {
         Self {
             dynamics: Dynamics {
@@ -289,9 +285,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         Self::of_slots(dynamics, slots, table)
     }
 
-    /// [`Model::new`] for effects without their table, which comes by itself: what
-    /// a board uses, that has no room for a table in every effect. Effects behind
-    /// an empty slot are not part of the model.
+    /// [`Model::new`] for effects and their table apart: a board has no room for a table in every
+    /// effect. Effects behind an empty slot are not part of the model.
     ///
     /// # Errors
     ///
@@ -398,7 +393,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
     }
 
-    /// The same actuator on a base that has been turned further by so much (rad).
+    /// The same actuator on a base that has been turned further by `by` (rad).
     #[must_use]
     pub fn turned(mut self, by: R) -> Self {
         self.effects = self
@@ -407,8 +402,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         self
     }
 
-    /// The same actuator with a tube to it that is so many times as long: see
-    /// [`Effect::with_tube`].
+    /// The same actuator with a tube `times` as long: see [`Effect::with_tube`].
     #[must_use]
     pub fn with_tube(mut self, times: R) -> Self {
         self.effects = self
@@ -566,8 +560,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         delay
     }
 
-    /// θ̈ (rad/s²) at an instant, under the pressure (Pa) that the delays have let through
-    /// by then, where no hidden state is integrated: nobody asks for the rates of any.
+    /// θ̈ (rad/s²) at an instant, under the pressure (Pa) that the delays have let through by then.
+    /// For models whose hidden states are not integrated, so their rates are not computed.
     #[inline]
     pub(crate) fn acceleration(&self, at: &Instant<R>, hidden: &[Hidden<R>; MAX_EFFECTS]) -> R {
         if self.effects[0].is_none() {
@@ -591,8 +585,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         }
     }
 
-    /// θ̈ (rad/s²) of the base model alone. Half of all steps are of it: no loops over
-    /// effects, which on a desktop cost a tenth of it.
+    /// θ̈ (rad/s²) of the base model alone. Half of all steps need only this, and loops over
+    /// effects would cost a tenth of it on a desktop.
     #[inline]
     fn base_acceleration(&self, angle: R, rate: R, pressure: R) -> R {
         let d = &self.dynamics;
@@ -710,10 +704,9 @@ impl<R: Real, P: Power<R>> Model<R, P> {
     /// The pressure (Pa) that holds the actuator at `angle` (rad) once
     /// everything has settled: `p = (K sign(θ)|θ|ⁿ + Q)/g`.
     ///
-    /// Nothing holds against a leak: it is taken as not begun. Not finite if the
-    /// input gain is zero, or if the stiffness grows faster with the pressure
-    /// than the force does, so that no pressure holds. A table of the pressure is
-    /// balanced as if some stiffness were left.
+    /// No pressure holds against a leak; it is treated as not begun. Not finite if the input gain
+    /// is zero, or if the stiffness grows faster with the pressure than the force does, so that no
+    /// pressure holds. A table of the pressure is balanced as if some stiffness were left.
     #[inline(never)] // Once on the board, which asks in several places.
     pub fn holding_pressure(&self, angle: R) -> R {
         let state = self.at_rest(angle, R::zero());
@@ -721,7 +714,7 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             .table
             .as_ref()
             .filter(|table| table.of() == Variable::Pressure);
-        // A table of the pressure apart: the rest is a straight line.
+        // A table of the pressure is taken out: the rest is a straight line.
         let missing = |pressure| {
             let at = Instant {
                 time: state.time,
@@ -736,10 +729,10 @@ impl<R: Real, P: Power<R>> Model<R, P> {
         let mut gain = self.dynamics.input_gain;
         let mut chamber = unforced / gain;
         if self.occupied().any(Mechanism::<R>::stiffens) {
-            // Then too the force is a straight line over the pressure, and another beyond the
-            // pressure that takes all stiffness away: no bound of a parameter lets that be
-            // within this step of zero. From there onwards where rounding matters less, and
-            // where the other line may be.
+            // Here too the force is a straight line over the pressure, and another one beyond the
+            // pressure that takes all stiffness away. The bounds of the parameters keep that
+            // pressure farther from zero than this step. The second slope begins at the first
+            // result, where rounding matters less and where the other line may apply.
             let slope =
                 |from: R, step: R| ((missing(from) - missing(from + step)) / step).max(R::zero());
             gain = slope(R::zero(), R::from_i16(16_384));
@@ -814,8 +807,8 @@ impl<R: Real, P: Power<R>> Model<R, P> {
             })
     }
 
-    /// The relaxation (1/s) for each rad/s that hidden states have, which wind up with the motion,
-    /// and what all of them add to the fastest rate together; none without one.
+    /// The relaxation (1/s) per rad/s of the hidden states that wind up with the motion, and what
+    /// all of them together add to the fastest rate; none without such a state.
     pub fn winding(&self, angle: R) -> Option<[R; 2]> {
         self.occupied()
             .filter_map(|effect| effect.winds(angle))

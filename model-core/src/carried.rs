@@ -3,12 +3,6 @@
 //! A tube, a slow sensor and a Maxwell branch each have one exponential memory. For a fixed
 //! step length its factors are constants, prepared once: two multiplications integrate a
 //! memory with any time constant, where an explicit scheme would need shorter steps.
-//!
-//! ```text
-//! E = e^(−h/τ)     r = (1 − E)·τ/h
-//! τ·ẏ = x − y,  x linear from x₀ to x₁:   y₁ = y₀ + (1 − E)(x₀ − y₀) + (1 − r)(x₁ − x₀)
-//! ḋ = ω − d/τ,  ω = s/h:                  d₁ = E·d₀ + r·s
-//! ```
 
 use crate::real::Real;
 
@@ -47,6 +41,13 @@ impl<R: Real> Factors<R> {
 }
 
 /// A first-order lag, τ·ẏ = x − y: a tube that fills a chamber, a slow sensor.
+///
+/// With E and r of the time constant τ and the step h, and x linear from x₀ to x₁ over it:
+///
+/// ```text
+/// E = e^(−h/τ)     r = (1 − E)·τ/h
+/// y₁ = y₀ + (1 − E)(x₀ − y₀) + (1 − r)(x₁ − x₀)
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lag<R> {
     /// 1 − E.
@@ -83,6 +84,12 @@ impl<R: Real> Lag<R> {
 }
 
 /// A force that relaxes, k·d with ḋ = ω − d/τ: a Maxwell branch.
+///
+/// With E and r as for [`Lag`], and a way s in the step h:
+///
+/// ```text
+/// ω = s/h:   d₁ = E·d₀ + r·s
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Branch<R> {
     keep: R,
@@ -100,7 +107,7 @@ impl<R: Real> Branch<R> {
         }
     }
 
-    /// Carries the force over a step in which the actuator moves evenly by so much (rad).
+    /// Carries the force over a step in which the actuator moves evenly by `moved` (rad).
     #[inline]
     pub fn carry(&self, force: &mut R, moved: R) {
         *force = *force * self.keep + moved * self.gain;

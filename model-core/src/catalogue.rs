@@ -40,8 +40,8 @@ macro_rules! catalogue {
 
         /// An effect with its parameters.
         ///
-        /// `T` is what stands for a table: the table itself, or
-        /// [`table::InModel`] where a model keeps it beside its slots.
+        /// `T` represents a table: the table itself, or [`table::InModel`] where a model keeps it
+        /// beside its slots.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[non_exhaustive]
         pub enum Effect<R, T = Table<R>> {
@@ -82,7 +82,7 @@ macro_rules! catalogue {
             ($matched:expr, $effect:ident => $result:expr) => {
                 each!($matched, $effect => $result, table $effect => $result)
             };
-            // Where a table is another matter.
+            // With another expression for a table.
             ($matched:expr, $effect:ident => $result:expr, table $table:pat => $other:expr) => {
                 match $matched {
                     $( Self::$name($effect) => $result, )+
@@ -534,17 +534,16 @@ impl<R: Copy> Effect<R> {
 }
 
 impl<R: Real, T> Effect<R, T> {
-    /// The same effect on a base that has been turned further by so much (rad).
+    /// The same effect on a base that has been turned further by `by` (rad).
     #[must_use]
     pub fn turned(mut self, by: R) -> Self {
         each!(&mut self, effect => effect.turn(by), table _ => ());
         self
     }
 
-    /// The same effect where the tube to the actuator is so many times as long. The flow through
-    /// a tube is laminar (Hagen and Poiseuille: R = 128 μ l/(π d⁴)), so that its lag R·C into the
-    /// actuator's capacity C is proportional to its length l, and so is the time l/c that sound
-    /// takes.
+    /// The same effect with a tube to the actuator `times` as long. The flow through a tube is
+    /// laminar (Hagen and Poiseuille: R = 128 μ l/(π d⁴)), so that its lag R·C into the actuator's
+    /// capacity C is proportional to its length l, and so is the time l/c that sound takes.
     #[must_use]
     pub fn with_tube(mut self, times: R) -> Self {
         each!(&mut self, effect => effect.lengthen_tube(times), table _ => ());

@@ -1,43 +1,23 @@
 //! Elementary functions in `f32`, the same bits on the board and the desktop.
 //!
-//! The platform's `exp` or `sin` differs from machine to machine in the last
-//! place, and micromath's are wrong in the third digit. A prediction that is to
-//! be compared bit for bit needs functions of its own. These use `+ − × ÷`,
-//! comparisons and the bits of a number, nothing else: no fused
-//! multiply-add, no square root, no `f64`, no table (a constant table would be
-//! copied to the ATmega's RAM). IEEE 754 fixes the result of each of these
-//! operations, so it fixes the result of the functions.
-//!
-//! | function | range | largest error | exact |
-//! |---|---|---|---|
-//! | [`exp2`] | −126 … 128 | 2·10⁻⁷ relative | whole numbers |
-//! | [`exp`] | −10 … 10 | 7·10⁻⁷ relative | 0 |
-//! | | −87 … 88.7 | 4.5·10⁻⁶ relative | |
-//! | [`log2`] | all positive | 3.5·10⁻⁷ relative | powers of two |
-//! | [`ln`] | all positive | 4·10⁻⁷ relative | 1 |
-//! | [`tanh`] | all | 3·10⁻⁷ relative | ±0, and ±1 from 9.1 |
-//! | [`sin`], [`cos`] | ±51 471 rad | 1.5·10⁻⁷ absolute | 0 |
-//! | [`sin_near`] | a turn | 7·10⁻⁵ absolute | 0 |
-//!
-//! The tests of this module hold these bounds;
-//! `cargo run --release -p softrig-bench --example power_error` prints the
-//! measured values. The coefficients come from `docs/power_coefficients.py`.
-//!
-//! # Monotone by construction
-//!
-//! `exp2`, `exp`, `log2` and `ln` never fall from one `f32` to the next. A
-//! rounded sum or product of non-negative, non-decreasing terms is
-//! non-decreasing, so a Horner scheme with positive coefficients on a positive
-//! argument cannot step down, however it rounds. This is why 2ᶠ is
-//! approximated on [0, 1] and not on [−½, ½], and why the logarithm uses the
-//! odd series in s = (m−1)/(m+1), whose coefficients are all positive.
-//!
-//! NaN gives NaN; its payload is not part of the promise.
+//! The platform's `exp` or `sin` differs from machine to machine in the last place, and
+//! micromath's are wrong in the third digit. A prediction that is compared bit for bit needs its
+//! own. These use `+ − × ÷`, comparisons and the bits of a number, each of which IEEE 754 fixes:
+//! no fused multiply-add, no square root, no `f64`, no table (it would be copied to the ATmega's
+//! RAM). NaN gives NaN, with any payload. The tests here hold the bounds of the errors;
+//! `cargo run --release -p softrig-bench --example power_error` prints the measured values. The
+//! coefficients come from `docs/power_coefficients.py`.
 
 use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E, PI, TAU};
 
 /// c₀ + c₁x + c₂x² + …, by Horner's rule and unrolled, so that the coefficients
 /// become immediate operands.
+///
+/// [`exp2`], [`exp`], [`log2`] and [`ln`] are monotone by construction: they never fall from one
+/// `f32` to the next. A rounded sum or product of non-negative, non-decreasing terms is
+/// non-decreasing, so a Horner scheme with positive coefficients on a positive argument cannot
+/// step down, however it rounds. This is why 2ᶠ is approximated on [0, 1] and not on [−½, ½], and
+/// why the logarithm uses the odd series in s = (m−1)/(m+1), whose coefficients are all positive.
 macro_rules! polynomial {
     ($x:expr; $c:expr) => { $c };
     ($x:expr; $c:expr, $($rest:expr),+) => {
@@ -110,7 +90,8 @@ fn exponent_field(whole: u32) -> u32 {
 
 /// Computes eˣ.
 ///
-/// Relative error ≤ 2·10⁻⁷ + 7.5·10⁻⁸·|x|; exp(0) = 1; non-decreasing. From
+/// Relative error ≤ 2·10⁻⁷ + 7.5·10⁻⁸·|x|, at most 7·10⁻⁷ up to |x| = 10 and 4.5·10⁻⁶
+/// anywhere; exp(0) = 1; non-decreasing. From
 /// 88.73 upwards the result is infinite, below −87.33 it is 0.
 pub fn exp(x: f32) -> f32 {
     exp2(x * LOG2_E)
@@ -252,8 +233,7 @@ fn reduce(x: f32) -> (f32, u32) {
     }
 }
 
-/// The sine of `rest` plus a number of quarter turns, of which the low two bits
-/// matter.
+/// The sine of `rest` plus a number of quarter turns, whose low two bits matter.
 fn sin_of_quarter(rest: f32, quarters: u32) -> f32 {
     let z = rest * rest;
     let value = if quarters & 1 == 0 {

@@ -3,32 +3,16 @@
 //! Between two kicks an actuator drifts: `M·ω̇ = −C·ω − f(ω)`, where f is everything that
 //! depends on the rate alone: dry friction, drag, a two-sided damping. As with the damping
 //! itself ([`crate::leapfrog`]), the flow over one step depends only on the initial rate. So
-//! it is tabulated once, at nodes, and a step looks up two numbers:
+//! it is tabulated once, at nodes, and a step looks up two numbers.
 //!
-//! ```text
-//! x = A·ω                           way of the drift by damping alone (rad)
-//! θ ← θ + x − a(x)                  a: what f takes from the way
-//! x ← B·x − b(x) + kick             b: what f takes from the next one
-//! ```
-//!
-//! A friction that stops the actuator within a step takes exactly the remaining rate. Where it
-//! sticks, the actuator creeps about as slowly as the smoothed sign allows, and an explicit
-//! scheme would oscillate. The creep is approximate, because the kick comes before the stop, so
-//! a step must not take much of the rate ([`crate::prepared::plan`]).
-//!
-//! Nodes lie as an `f32` does, eight octaves with eight chords each (four where the two
-//! directions differ), a chord through zero below them and the last chord beyond them. Two
-//! numbers of sixteen bits a node: 264 bytes.
-//!
-//! The flow between neighbouring nodes takes the force as a straight line and is then exact
-//! to Simpson's rule, so that preparing needs one evaluation of f a node and no small steps.
+//! Where a friction sticks, the actuator creeps about as slowly as the smoothed sign allows, and
+//! an explicit scheme would oscillate.
 
 use crate::elementary::ln;
 
 /// Chords of one direction, where both are alike.
 const CHORDS: usize = 64;
 
-/// Octaves.
 const OCTAVES: u8 = 8;
 
 /// Nodes: one more than chords in either direction.
@@ -57,6 +41,20 @@ pub struct Flow {
 }
 
 /// The two losses a(x) and b(x) of a drift.
+///
+/// ```text
+/// x = A·ω                           way of the drift by damping alone (rad)
+/// θ ← θ + x − a(x)                  a: what f takes from the way
+/// x ← B·x − b(x) + kick             b: what f takes from the next one
+/// ```
+///
+/// A friction that stops the actuator within a step takes exactly the remaining rate. Where it
+/// sticks, the creep is approximate, because the kick comes before the stop, so a step must not
+/// take much of the rate ([`crate::prepared::plan`]).
+///
+/// Nodes lie as an `f32` does, eight octaves with eight chords each (four where the two
+/// directions differ), a chord through zero below them and the last chord beyond them. Two
+/// numbers of sixteen bits a node: 264 bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Glide {
     /// Losses of way and of rate at each node, in units; while they are prepared, the bits
@@ -202,7 +200,7 @@ impl Glide {
         self.unit = if lost > self.unit { lost } else { self.unit };
         self.node += 1;
         if self.node >= self.count() {
-            // Not zero, by which is divided.
+            // Never zero, since it divides.
             let largest = self.unit.max(f32::MIN_POSITIVE * FULL * PART);
             self.unit = largest / (FULL * PART);
             self.stage = Stage::Losses;
@@ -372,6 +370,9 @@ fn between(from: i16, to: i16, along: u16) -> i32 {
 
 /// How long a glide takes from `x` down to `below`, whose decelerations are on a straight
 /// line, and ∫x dt over it.
+///
+/// The flow between neighbouring nodes takes the force as a straight line and is then exact to
+/// Simpson's rule, so that preparing needs one evaluation of f a node and no small steps.
 #[inline(never)]
 fn passage(x: f32, g: f32, below: f32, g_below: f32) -> (f32, f32) {
     let width = x - below;

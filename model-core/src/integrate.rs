@@ -22,11 +22,10 @@ pub enum Scheme {
     /// The classical Runge–Kutta method, order 4: four evaluations a step.
     #[default]
     Rk4,
-    /// Heun's method about the exact decay e^(−Ct/M) of the rate, order 2: two
-    /// evaluations a step, however strong the damping is (exponential time
-    /// differencing, Cox and Matthews, J. Comput. Phys. 176, 2002, Eqs. 20–22).
-    /// Needs a damping above zero; for overdamped actuators, where the other
-    /// schemes would have to resolve a decay that nobody sees.
+    /// Heun's method about the exact decay e^(−Ct/M) of the rate, order 2: two evaluations a step,
+    /// however strong the damping is (exponential time differencing, Cox and Matthews, J. Comput.
+    /// Phys. 176, 2002, Eqs. 20–22). Needs a damping above zero; for overdamped actuators, where
+    /// the other schemes would have to resolve a decay that does not show.
     ExponentialHeun,
 }
 
@@ -69,8 +68,8 @@ pub fn step<R: Real, P: Power<R>>(
     model.note(state, input, dt);
 }
 
-/// As [`step`] with [`Scheme::ExponentialHeun`], about a decay (1/s) of the rate that is
-/// not only that of the damping: a friction that sticks is a strong one.
+/// As [`step`] with [`Scheme::ExponentialHeun`], about a decay (1/s) of the rate by more than the
+/// damping: a friction that sticks adds a strong one.
 pub fn step_about<R: Real, P: Power<R>>(
     decay: R,
     model: &Model<R, P>,
@@ -120,7 +119,7 @@ fn exponential_heun<R: Real, P: Power<R>>(
     decay: R,
 ) -> State<R> {
     let time_constant = R::one() / decay;
-    // Way of a rate of one that decays freely, and that of an acceleration of one.
+    // The ways of a unit rate that decays freely and of a unit acceleration.
     let coasting = (R::one() - (-(decay * dt)).exp()) * time_constant;
     let pushed = (dt - coasting) * time_constant;
 

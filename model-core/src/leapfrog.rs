@@ -1,34 +1,12 @@
 //! Leapfrog with exact damping: one power a step and no division.
 //!
-//! Runge–Kutta's four evaluations cost 35 000 cycles on the board, and no model runs at
-//! 1 kHz. The equation of motion is a damped drift that is solved exactly, between kicks
-//! by the forces (Strang splitting, order 2):
+//! Runge–Kutta's four evaluations cost 35 000 cycles on the board, and no model runs at 1 kHz.
+//! The equation of motion is a damped drift that is solved exactly, between kicks by the forces
+//! (Strang splitting, order 2). At rest the way is 0 and the forces balance: static equilibria
+//! are exact for any step, and so is the decay of the rate by damping alone, however strong.
 //!
-//! ```text
-//! ω ← ω + (h/2M)·F      kick        F = g·p − K·sign(θ)|θ|ⁿ
-//! θ ← θ + A·ω           drift       A = (1 − B)·M/C
-//! ω ← B·ω                           B = e^(−C·h/M)
-//! ω ← ω + (h/2M)·F      kick, at the new angle and pressure
-//! ```
-//!
-//! The second kick of a step and the first of the next are one and the same force. So the
-//! state carries the way of the next drift, with that kick in it, and a step is two
-//! multiplications, three additions and one power:
-//!
-//! ```text
-//! θ ← θ + way
-//! way ← B·way + (γ·g·p − γ·K·sign(θ)|θ|ⁿ)      γ = h·A/M
-//! ```
-//!
-//! All constants are prepared once ([`Leapfrog::new`]). At rest the way is 0 and
-//! the forces balance: static equilibria are exact for any step, and so is the decay of
-//! the rate by damping alone, however strong.
-//!
-//! Linear memories (a tube, a Maxwell branch) are carried beside it ([`crate::carried`]),
-//! their forces added to the kick by [`crate::prepared`]; the order stays two.
-//!
-//! The relative frequency error of an oscillation of ω₀ is the usual (ω₀h)²/24. [`substeps`]
-//! gives the number of steps of a sampling interval.
+//! Linear memories (a tube, a Maxwell branch) are carried beside it ([`crate::carried`]), their
+//! forces added to the kick by [`crate::prepared`]; the order stays two.
 
 use crate::dynamics::Dynamics;
 use crate::power::{Power, signed_power};
@@ -84,6 +62,22 @@ pub struct Drift<R> {
 
 /// The base equation, prepared for steps of one length. Its spring is kept beside it
 /// ([`Pull`]), made from [`Leapfrog::pull_scale`] and the exponent.
+///
+/// ```text
+/// ω ← ω + (h/2M)·F      kick        F = g·p − K·sign(θ)|θ|ⁿ
+/// θ ← θ + A·ω           drift       A = (1 − B)·M/C
+/// ω ← B·ω                           B = e^(−C·h/M)
+/// ω ← ω + (h/2M)·F      kick, at the new angle and pressure
+/// ```
+///
+/// The second kick of a step and the first of the next are one and the same force. So the state
+/// carries the way of the next drift, with that kick in it, and a step is two multiplications,
+/// three additions and one power:
+///
+/// ```text
+/// θ ← θ + way
+/// way ← B·way + (γ·g·p − γ·K·sign(θ)|θ|ⁿ)      γ = h·A/M
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leapfrog<R> {
     /// B: what damping leaves of a rate after a step.
@@ -212,6 +206,8 @@ pub const COARSEST_PHASE: f32 = 0.3;
 /// felt only once a step.
 ///
 /// At least 1, at most 255.
+///
+/// The relative frequency error of an oscillation of ω₀ with steps of h is the usual (ω₀h)²/24.
 pub fn substeps(frequency: f32, decay: f32, interval: f32, phase: f32) -> u8 {
     /// Time constants of the damping in a step.
     const DAMPED: f32 = 0.5;

@@ -1,41 +1,11 @@
 //! Ludwick's law, and the stiffness of a beam made of such a material.
 //!
-//! A moulded silicone is not Hookean: its stress grows with a power of its
-//! strain. This module takes that power law from the material to the one number
-//! that the equation of motion needs, the bending stiffness `K_n`.
+//! A moulded silicone is not Hookean: its stress grows with a power of its strain. This module
+//! takes that power law from the material to the one number that the equation of motion needs,
+//! the bending stiffness `K_n`.
 //!
-//! | symbol | quantity | unit |
-//! |---|---|---|
-//! | σ, ε | stress and strain | Pa, 1 |
-//! | E | modulus of the law | Pa |
-//! | n | exponent, 1 for Hooke | 1 |
-//! | L, b, h | length, width and height of the beam | m |
-//! | `I_n` | second moment of the section, generalised to n | m^(n+3) |
-//! | P, T | load at the tip, moment at the tip | N, N·m |
-//! | θ | angle of the tip | rad |
-//!
-//! ```text
-//! σ   = sign(ε) E |ε|ⁿ                                          (paper, Eq. 2)
-//! I_n = (1/2)^(n+1) b h^(n+2) / (n+2)                           (corrects Eq. 12)
-//! K_n = ((n+1)/n)ⁿ E I_n / L^(n+1),      P = K_n θⁿ             (Eq. 11)
-//! K   = 2 E I / L²,  I = b h³ / 12,      P = K θ                (Eqs. 9 and 10)
-//! ```
-//!
-//! Two statements of the paper need care:
-//!
-//! - **Eq. 12 is printed with (1/2)ⁿ**, twice too much: at n = 1 it gives
-//!   b h³/6, not the b h³/12 of Eq. 10. With ε = κy, M = ∫ σ y dA =
-//!   E κⁿ · 2b ∫₀^{h/2} y^(n+1) dy gives the factor above. The printed form
-//!   remains as [`SecondMoment::AsPrinted`], for reproducing the paper's
-//!   numbers and for nothing else.
-//! - **Eq. 11 is a small-deflection result for a load at the tip.** The
-//!   curvature is then κ(s) = (P (L−s) / (E I_n))^(1/n), and its integral over
-//!   the length is the tip angle. It is not exact at 60° or 90°, and a pressure
-//!   loads the beam rather with the same moment everywhere, for which
-//!   θⁿ = T Lⁿ / (E I_n) holds at any angle: [`Ludwick::moment_stiffness`].
-//!
-//! Source: Yang, Stuart, Kurkcu and Tomizuka, arXiv 2311.02527. The corrected
-//! factor agrees with the authors' published code.
+//! Source: Yang, Stuart, Kurkcu and Tomizuka, arXiv 2311.02527. Its Eqs. 11 and 12 need care:
+//! see [`Ludwick::stiffness`] and [`SecondMoment::AsPrinted`].
 
 use crate::power::{Power, signed_power};
 use crate::real::Real;
@@ -123,6 +93,8 @@ pub(crate) fn positive<R: Real>(value: R, quantity: Quantity) -> Result<R, Quant
 pub const MAXIMUM_EXPONENT: i16 = 10;
 
 /// A material that follows σ = sign(ε) E |ε|ⁿ.
+///
+/// E is the modulus of the law (Pa), n its exponent, 1 for Hooke; stress σ in Pa (paper, Eq. 2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ludwick<R> {
     modulus_pa: R,
@@ -146,6 +118,10 @@ pub enum SecondMoment {
     Corrected,
     /// (1/2)ⁿ b h^(n+2)/(n+2) as the paper prints it (Eq. 12), twice the
     /// former. For reproducing the paper's numbers only.
+    ///
+    /// At n = 1 it gives b h³/6, not the b h³/12 of Eq. 10. With ε = κy,
+    /// M = ∫ σ y dA = E κⁿ · 2b ∫₀^{h/2} y^(n+1) dy gives the factor of [`Self::Corrected`], which
+    /// agrees with the authors' published code.
     AsPrinted,
 }
 
@@ -251,8 +227,12 @@ impl<R: Real> Ludwick<R> {
     /// Computes the bending stiffness `K_n` in N/radⁿ for a load at the tip
     /// (Eq. 11), P = `K_n` θⁿ.
     ///
-    /// Exact for small deflections; see the head of this module for what that
-    /// leaves out.
+    /// `K_n` = ((n+1)/n)ⁿ E `I_n`/L^(n+1), with the load P in N and the angle θ of the tip in rad.
+    ///
+    /// Eq. 11 is a small-deflection result for a load at the tip. The curvature is then
+    /// κ(s) = (P (L−s)/(E `I_n`))^(1/n), and its integral over the length is the tip angle. It is not
+    /// exact at 60° or 90°, and a pressure loads the beam rather with the same moment everywhere, for
+    /// which [`Ludwick::moment_stiffness`] holds at any angle.
     pub fn stiffness<P: Power<R>>(&self, beam: &Beam<R>, form: SecondMoment) -> R {
         let n = self.exponent;
         // I_n/L^(n+1) = b h (h/2L)^(n+1)/(n+2): the ratio is without unit, so

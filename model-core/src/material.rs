@@ -1,26 +1,9 @@
 //! The materials of the paper, and the exponent predicted from a data sheet.
 //!
-//! A lab that moulds a new silicone has its data sheet long before it has a
-//! tensile test. The paper therefore predicts the exponent of Ludwick's law from
-//! three figures of the data sheet, by least squares over its own table:
-//!
-//! ```text
-//! n = x₁ E + x₂ √(MV / 50 000 cps) + x₃ √(TS / 10 MPa)            (paper, Eq. 8)
-//! ```
-//!
-//! with the modulus E in MPa, the mixed viscosity MV in centipoise and the
-//! tensile strength TS in MPa. (Eq. 8 writes MS where the text means MV.)
-//!
-//! The coefficients here are those of the fit that the paper describes: the
-//! eight materials that it does not hold out, no intercept. They give 2.3726 for
-//! Dragon Skin 20 and 1.7700 for Dragon Skin FX-Pro, where the paper's Table II
-//! prints 2.365 and 1.727; no plain variant of the fit gives the printed pair.
-//! The desktop tool repeats the fit and is tested to arrive at these constants.
-//!
-//! **How far to trust it.** Leaving one material out at a time, the prediction
-//! misses by 0.29 (root mean square over the ten), predicting the mean of the
-//! others by 0.39. Only the tensile strength matters significantly. A measured
-//! curve is worth more than this prediction.
+//! A lab that moulds a new silicone has its data sheet long before it has a tensile test. The
+//! paper therefore predicts the exponent of Ludwick's law from three figures of the data sheet,
+//! by least squares over its own table ([`Predictor`]). A measured curve is worth more than this
+//! prediction.
 //!
 //! Source: Yang, Stuart, Kurkcu and Tomizuka, arXiv 2311.02527, Tables I and II.
 
@@ -193,6 +176,17 @@ impl<R: Real> DataSheet<R> {
 }
 
 /// The coefficients of Eq. 8.
+///
+/// ```text
+/// n = x₁ E + x₂ √(MV / 50 000 cps) + x₃ √(TS / 10 MPa)            (paper, Eq. 8)
+/// ```
+///
+/// with the modulus E in MPa, the mixed viscosity MV in centipoise and the tensile strength TS in
+/// MPa. (Eq. 8 writes MS where the text means MV.)
+///
+/// **How far to trust it.** Leaving one material out at a time, the prediction misses by 0.29
+/// (root mean square over the ten), predicting the mean of the others by 0.39. Only the tensile
+/// strength matters significantly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Predictor {
     /// x₁, per MPa of modulus.
@@ -207,6 +201,11 @@ impl Predictor {
     /// The least-squares fit to the eight rows of [`TABLE_I`] that are not held
     /// out, rounded to `f32`: a relative error of 6e-8 beside a standard error
     /// of the prediction near 0.3.
+    ///
+    /// They are those of the fit that the paper describes, without an intercept. They give 2.3726 for
+    /// Dragon Skin 20 and 1.7700 for Dragon Skin FX-Pro, where the paper's Table II prints 2.365 and
+    /// 1.727; no plain variant of the fit gives the printed pair. The desktop tool repeats the fit and
+    /// is tested to arrive at these constants.
     pub const EIGHT_ROWS: Self = Self {
         per_mpa: -0.748_293_34,
         per_root_viscosity: 0.430_245_4,

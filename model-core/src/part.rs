@@ -2,13 +2,7 @@
 //!
 //! An effect is prepared once for steps of one length ([`Preparation`], in the effect's file).
 //! What comes of it, a [`Part`], has its constants and acts in the phases of a step, which
-//! [`crate::prepared`] puts in order:
-//!
-//! | phase | method | example |
-//! |---|---|---|
-//! | before the drift | [`Part::before`] | a tube changes the pressure, a drag takes from the rate |
-//! | after the drift | [`Part::force`] | gravity pulls, a Maxwell branch relaxes |
-//! | end of a period | [`Part::read`] | a slow sensor |
+//! [`crate::prepared`] puts in order.
 //!
 //! Where nothing can be prepared, the effect's own [`Mechanism`] acts: [`Mapped`], [`Stiffened`],
 //! [`Forced`], [`Shown`]. A law of the rate alone has no part: [`crate::glide`] takes its losses
@@ -185,6 +179,12 @@ pub trait Preparation {
 ///
 /// [`Part::before`] and [`Part::force`] are inlined into one function of all effects: a call of
 /// its own costs the board 90 cycles a step.
+///
+/// | phase | method | example |
+/// |---|---|---|
+/// | before the drift | [`Part::before`] | a tube changes the pressure, a drag takes from the rate |
+/// | after the drift | [`Part::force`] | gravity pulls, a Maxwell branch relaxes |
+/// | end of a period | [`Part::read`] | a slow sensor |
 pub trait Part {
     /// When it acts: only the methods of these phases are called.
     fn phases(&self) -> Phases;
@@ -246,7 +246,7 @@ impl<E: Mechanism<f32>> Part for Mapped<E> {
     #[inline(always)]
     fn before(&self, step: &mut Step, memory: &mut Hidden<f32>) -> f32 {
         step.chamber = self.0.input(step.chamber, memory, &mut [0.0; 2]);
-        // A play is where it was pushed to; what has no memory has no use for it.
+        // A play rests where it was pushed to; effects without a memory ignore this.
         memory[0] = step.chamber;
         0.0
     }

@@ -3,23 +3,10 @@
 //! [`Minimax`] finds a logarithm and an exponential of every base: 4 300 cycles on the
 //! board. The exponent of a model that runs does not change, and mⁿ over one octave is a
 //! smooth curve that every other octave repeats, 2ⁿ times as large. So a table of that
-//! octave is prepared when a model is uploaded: the exponent byte of θ picks the octave,
-//! the first six bits of its mantissa one of 64 chords, the next sixteen the place on it.
-//! All of it is integer arithmetic; a result is put together as an `f32` at the end.
+//! octave is prepared when a model is uploaded.
 //!
-//! | | |
-//! |---|---|
-//! | largest relative error, 1 mrad ≤ θ < 4 rad, ½ ≤ n ≤ 3 | 2·10⁻⁴ |
-//! | below 2⁻¹⁴ rad (0.0035°) | a chord through 0 |
-//! | from 4 rad on | [`Minimax`] itself |
-//! | memory | 256 bytes |
-//!
-//! It never falls from one `f32` to the next, is odd to the bit, and 0 at 0. The nodes of
-//! chords are moved by half of what a chord is off in its middle, so that the error goes
-//! both ways; octaves are chained downwards, so that they meet.
-//!
-//! Preparing a table costs 65 powers, too long for one control period;
-//! [`PowerTable::prepare`] spreads it.
+//! Preparing it costs 65 powers, too long for one control period; [`PowerTable::prepare`]
+//! spreads it.
 
 use wide_mul::{product, share};
 
@@ -28,13 +15,27 @@ use crate::power::{Minimax, Power, signed_power};
 /// Chords of an octave.
 const CHORDS: usize = 64;
 
-/// Octaves.
 const OCTAVES: usize = 16;
 
 /// The biased exponent of the lowest octave: 2⁻¹⁴ rad.
 const LOWEST: u8 = 127 - 14;
 
 /// c·sign(θ)|θ|ⁿ with c ≥ 0 and n fixed.
+///
+/// The exponent byte of θ picks the octave, the first six bits of its mantissa one of 64 chords,
+/// the next sixteen the place on it. All of it is integer arithmetic; a result is put together as
+/// an `f32` at the end.
+///
+/// | | |
+/// |---|---|
+/// | largest relative error, 1 mrad ≤ θ < 4 rad, ½ ≤ n ≤ 3 | 2·10⁻⁴ |
+/// | below 2⁻¹⁴ rad (0.0035°) | a chord through 0 |
+/// | from 4 rad on | [`Minimax`] itself |
+/// | memory | 256 bytes |
+///
+/// It never falls from one `f32` to the next, is odd to the bit, and 0 at 0. The nodes of chords
+/// are moved by half of what a chord is off in its middle, so that the error goes both ways;
+/// octaves are chained downwards, so that they meet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerTable {
     /// The low sixteen bits of mⁿ at the ends of the chords, in units of the table.
@@ -202,8 +203,8 @@ impl PowerTable {
     }
 }
 
-/// `units`·2^(`exponent` − 129) with a sign, for 0 < `units` < 2²⁴; 0 where that is no
-/// normal number.
+/// `units`·2^(`exponent` − 129) with a sign, for 0 < `units` < 2²⁴; 0 where that is not a normal
+/// number.
 #[inline]
 fn assemble(units: u32, exponent: u8, sign: u8) -> f32 {
     let [u0, u1, mut top, _] = units.to_le_bytes();

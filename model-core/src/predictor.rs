@@ -1,24 +1,12 @@
 //! The open-loop predictor of the board: the recurrence that predicts the angle.
 //!
-//! The board steps the model beside the rig and compares. A computer must be able to
-//! repeat that bit by bit from the log, so both use this recurrence. Its only inputs are
-//! the values of the telemetry:
+//! The board steps the model beside the rig and compares. A computer must be able to repeat that
+//! bit by bit from the log, so both use this recurrence: its only inputs are the values of the
+//! telemetry, and all operations are basic operations in `f32`, which every IEEE machine rounds
+//! alike. [`crate::prepared`] steps a period; this module handles the lines, the memory of
+//! pressures for a dead time, and the start.
 //!
-//! ```text
-//! pₖ  pressure of line k, whole hundredths of a kPa;  Pa = 10 · hundredths
-//! aₖ  angle of line k, whole hundredths of a degree;  rad = hundredths · π/18000
-//! x₀  = at rest behind the reading a₀, under p₀
-//! xₖ  = one period of 0.01 s from xₖ₋₁, pressure linear from pₖ₋₁ to pₖ
-//! mₖ  = reading of xₖ through the sensor's effects
-//! ```
-//!
-//! A line without a pressure counts with the pressure before it. All operations are basic
-//! operations in `f32`, which every IEEE machine rounds alike. [`crate::prepared`] steps a
-//! period; this module handles the lines, the memory of pressures for a dead time, and
-//! the start.
-//!
-//! After the start the angle sensor never corrects the prediction, so that its error is
-//! the error of the model.
+//! After the start the angle sensor never corrects it, so its error is that of the model.
 
 use core::ops::RangeInclusive;
 
@@ -50,6 +38,14 @@ pub const PRESSURES_PA: RangeInclusive<f32> = -50_000.0..=605_350.0;
 const RAD_PER_CENTIDEGREE: f32 = 1.745_329_3e-4;
 
 /// A model that is predicted with: the configuration.
+///
+/// ```text
+/// pₖ  pressure of line k, whole hundredths of a kPa;  Pa = 10 · hundredths
+/// aₖ  angle of line k, whole hundredths of a degree;  rad = hundredths · π/18000
+/// x₀  = at rest behind the reading a₀, under p₀
+/// xₖ  = one period of 0.01 s from xₖ₋₁, pressure linear from pₖ₋₁ to pₖ
+/// mₖ  = reading of xₖ through the sensor's effects
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Predictor {
     prepared: Prepared,
@@ -112,7 +108,7 @@ impl History {
         }
     }
 
-    /// The pressure (Pa) so many samples ago.
+    /// The pressure (Pa) `samples` ago.
     fn back(&self, samples: usize) -> f32 {
         let newest = usize::from(self.newest);
         let back = samples.min(MEMORY - 1);
@@ -251,6 +247,8 @@ impl Predictor {
 
     /// Goes on to the next line, whose pressure is in hundredths of a kPa; none
     /// when its sensor had no reading.
+    ///
+    /// A line without a pressure counts with the pressure before it.
     #[inline(never)]
     pub fn step(&self, prediction: &mut Prediction, hundredths_kpa: Option<i32>) {
         let history = &mut prediction.history;
@@ -281,7 +279,7 @@ impl Predictor {
         (f32::from(self.late) + self.part) * STEP_S
     }
 
-    /// The pressure (Pa) at the sensor that accelerates the actuator by so much (rad/s²):
+    /// The pressure (Pa) at the sensor that gives the actuator this acceleration (rad/s²):
     /// [`Prepared::pressure_for`]. A dead time is not inverted.
     pub fn pressure_for(&self, prediction: &Prediction, acceleration: f32) -> f32 {
         self.prepared.pressure_for(&prediction.motion, acceleration)
@@ -294,7 +292,7 @@ impl Predictor {
 }
 
 impl Prediction {
-    /// Steps since its clock was at zero: since the start, but for [`Predictor::start_at`].
+    /// Steps since its clock was at zero: since the start, except after [`Predictor::start_at`].
     pub fn steps(&self) -> u32 {
         self.steps
     }

@@ -1,27 +1,11 @@
 //! A model prepared for steps of one length, as the board runs it.
 //!
 //! [`crate::leapfrog`] steps the base equation. Here the effects of the catalogue are added,
-//! with all constants of the step length precomputed, and without copying a state. The order
-//! of a step:
-//!
-//! 1. drift: damping and [every law of the rate](crate::glide) take their losses;
-//! 2. the input path carries the pressure to the chamber;
-//! 3. memories (a Maxwell branch, a hysteresis loop, a second mode) are carried along the
-//!    way that was drifted;
-//! 4. kick: `γ·(g·p − factor·K·sign(θ)|θ|ⁿ − Q)` at the new angle.
-//!
-//! A force that depends on angle, pressure or time alone comes from the effect itself
-//! ([`crate::effects`]), so its equation is in one place. Linear memories are integrated exactly
-//! ([`crate::carried`]). A hysteresis loop, a softening and a damping that depends on the angle use
-//! short series of their exponentials, and for steps too long for these an unconditionally stable
-//! formula.
-//!
-//! | | cycles of an ATmega2560 |
-//! |---|---|
-//! | a step of the base equation, and what an effect adds | [`BASE_CYCLES`], [`Preparation::CYCLES`](crate::part::Preparation::CYCLES) |
-//! | most that a period of 10 ms may spend on steps | [`BUDGET_CYCLES`] |
-//!
-//! [`plan`] decides how many steps a period is cut into.
+//! with all constants of the step length precomputed, and without copying a state. A force that
+//! depends on angle, pressure or time alone comes from the effect itself ([`crate::effects`]), so
+//! its equation is in one place. Linear memories are integrated exactly ([`crate::carried`]). A
+//! hysteresis loop, a softening and a damping that depends on the angle use short series of their
+//! exponentials, and for steps too long for these an unconditionally stable formula.
 
 use core::fmt;
 
@@ -36,12 +20,12 @@ use crate::power::{Minimax, Power};
 use crate::power_table::{EXPONENTS, PowerTable};
 use crate::real::Real;
 
-/// Cycles that the steps of one period may take: 12.5 % of a processor of 16 MHz at
-/// 100 Hz. The rest of the firmware takes 61 % at full flow of the pump, so that no model
-/// brings it above 75.
+/// Cycles that the steps of one period may take: 12.5 % of a processor of 16 MHz at 100 Hz. The
+/// rest of the firmware takes 61 % at full flow of the pump, so no model brings it above 75 %.
 pub const BUDGET_CYCLES: u32 = 20_000;
 
-/// Cycles of a step of the base equation, at most.
+/// Cycles of a step of the base equation, at most, on an ATmega2560. An effect adds its
+/// [`Preparation::CYCLES`](crate::part::Preparation::CYCLES).
 pub const BASE_CYCLES: u16 = 1_100;
 
 /// The most that a dry friction takes from the rate in a step (rad/s), twice as much where the
@@ -103,6 +87,14 @@ impl Motion {
 }
 
 /// A model of three effects, prepared.
+///
+/// The order of a step:
+///
+/// 1. drift: damping and [every law of the rate](crate::glide) take their losses;
+/// 2. the input path carries the pressure to the chamber;
+/// 3. memories (a Maxwell branch, a hysteresis loop, a second mode) are carried along the way
+///    that was drifted;
+/// 4. kick: `γ·(g·p − factor·K·sign(θ)|θ|ⁿ − Q)` at the new angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prepared {
     base: Base,
@@ -526,9 +518,9 @@ impl Prepared {
         }
     }
 
-    /// The pressure (Pa) at the sensor that accelerates the actuator by so much (rad/s²) from
-    /// where it is: the inverse of the equation of motion, with what the effects remember. The
-    /// lags of the input path are not inverted.
+    /// The pressure (Pa) at the sensor that gives the actuator this acceleration (rad/s²) where it
+    /// is: the inverse of the equation of motion, with what the effects remember. The lags of the
+    /// input path are not inverted.
     #[inline(never)]
     pub fn pressure_for(&self, motion: &Motion, acceleration: f32) -> f32 {
         let Base {

@@ -3,16 +3,7 @@
 //!
 //! Real sensors have zero errors, and nobody waits until silicone is straight again. A
 //! diagnosis that was tested on ideal benches only could take such errors for an effect
-//! of the actuator, so a drawn actuator gets a drawn bench:
-//!
-//! | error | drawn | why that much |
-//! |---|---|---|
-//! | zero of the pressure | normal, 0.3 kPa, at most 0.8 kPa | an 80 psi sensor of 0.15 % of its span |
-//! | zero of the angle | normal, 0.7°, at most 2° | a strip that is glued on by hand |
-//! | rest | let go 0.5–3 s before power-on, at 0.3–2° | the last of a creep back to straight |
-//!
-//! They are constant while the rig has power, except that the actuator continues to
-//! creep back by its own dynamics.
+//! of the actuator, so a drawn actuator gets a drawn bench.
 
 use std::fmt;
 
@@ -24,10 +15,16 @@ use rand_pcg::Pcg64Mcg;
 use crate::plant::{LetGo, PASCAL_PER_KPA, PlantConfig, gas::Gas, sensors::PressureSensor};
 
 /// Standard deviation and limit of the pressure's zero (kPa).
+///
+/// An 80 psi sensor of 0.15 % of its span.
 const PRESSURE_ZERO_KPA: (f64, f64) = (0.3, 0.8);
 /// Standard deviation and limit of the angle's zero (°).
+///
+/// A strip that is glued on by hand.
 const ANGLE_ZERO_DEG: (f64, f64) = (0.7, 2.0);
 /// Angles (°) at which the actuator may have been let go before power-on.
+///
+/// The last of a creep back to straight.
 const LET_GO_DEG: std::ops::Range<f64> = 0.3..2.0;
 /// How long (s) before power-on that may have been.
 const LET_GO_S: std::ops::Range<f64> = 0.5..3.0;
@@ -67,6 +64,9 @@ const AIR: u64 = 0x61_6972;
 const STREAM: u64 = 0x62_656e_6368;
 
 /// The errors of a bench. The default is an ideal one.
+///
+/// They are constant while the rig has power, except that the actuator continues to creep back by
+/// its own dynamics. Both zeros are normal, cut off at a limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bench {
     /// The zero of the pressure sensor (kPa).

@@ -1,16 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The Mega's bootloader: STK500 version 2 over the serial line.
 //!
-//! ```text
-//! request, answer:  1b  sequence  length (2, big-endian)  0e  body  xor of all before
-//! body:             command, then parameters or a status (00 good, c0 failed)
-//! ```
-//!
-//! It implements the part that `avrdude -c wiring` uses, with the answers of the Mega's
-//! `stk500boot`: addresses count words of flash but bytes of EEPROM, a chip erase fails
-//! (pages are erased as they are written; hence avrdude's `-D`), and a frame with a wrong
-//! checksum gets no answer. Writing to the boot section is refused, as by the lock bits of a
-//! board. Source: Atmel AVR068, and the behaviour of a board.
+//! It implements the part that `avrdude -c wiring` uses, with the answers of the Mega's `stk500boot`,
+//! so that what flashes a board flashes the virtual rig. Source: Atmel AVR068, and the behaviour of a
+//! board.
 //!
 //! A pure state machine: bytes in, bytes out, the memory behind a trait.
 
@@ -81,6 +74,10 @@ pub enum Phase {
 }
 
 /// A bootloader after a reset.
+///
+/// Addresses count words of flash but bytes of EEPROM, a chip erase fails (pages are erased as they
+/// are written; hence avrdude's `-D`), and a frame with a wrong checksum gets no answer. Writing to
+/// the boot section is refused, as by the lock bits of a board.
 #[derive(Clone, Debug)]
 pub struct Bootloader {
     phase: Phase,
@@ -279,6 +276,11 @@ fn xor(bytes: &[u8]) -> u8 {
 }
 
 /// Puts a body into a frame.
+///
+/// ```text
+/// request, answer:  1b  sequence  length (2, big-endian)  0e  body  xor of all before
+/// body:             command, then parameters or a status (00 good, c0 failed)
+/// ```
 pub fn seal(sequence: u8, body: &[u8]) -> Vec<u8> {
     let length = u16::try_from(body.len()).unwrap_or(u16::MAX).to_be_bytes();
     let mut frame = vec![START, sequence, length[0], length[1], TOKEN];

@@ -5,10 +5,9 @@
 //! A: 18 no 3 *1b06
 //! ```
 //!
-//! A reply is `A:`, the number of the request, and `ok` with the answer or `no` with the
-//! code of a [`Refusal`]. Lines that begin with `#:` are remarks for people: the banner
-//! after a reset, help, the sentence of a fault. The colons are for the serial plotter of
-//! the Arduino IDE, which would draw the numbers of a line without one.
+//! A reply is `A:`, the number of the request, and `ok` with the answer or `no` with the code of a
+//! [`Refusal`]. Lines that begin with `#:` are remarks for people. The colons are for the serial
+//! plotter of the Arduino IDE, which would draw the numbers of a line without one.
 
 use core::fmt;
 
@@ -23,7 +22,7 @@ use crate::{
 /// and computer must agree on it.
 pub const VERSION: u8 = 3;
 
-/// How a remark for people begins.
+/// How a remark for people begins: the banner after a reset, help, the sentence of a fault.
 pub const REMARK: &str = "#: ";
 
 macro_rules! refusals {

@@ -4,12 +4,8 @@
 //! T 512 5120 pressure:38.42 angle:59.81 predicted:60.02 setpoint:60.00 volume:14.210 x0 *596e
 //! ```
 //!
-//! `T`, the sequence number, the device time in milliseconds; then labelled values for a
-//! serial plotter: `pressure` (kPa), the bending `angle` (°), the angle `predicted` by the
-//! model on the board (°), the `setpoint` (°) or, in a pressure protocol, `setpoint_kpa`
-//! (kPa), and the pump's `volume` (ml, so that it shares a scale with the others). Last,
-//! the letter of the state and the code of the latched fault, with a `!` while the
-//! mismatch flag is set. A sensor without a reading sends `nan`.
+//! Its labels are for a serial plotter, which draws a labelled value by itself; all of it is
+//! [`Telemetry`].
 
 use core::fmt;
 
@@ -41,6 +37,12 @@ pub enum Setpoint {
 }
 
 /// One sample of everything.
+///
+/// In the line are `T`, the sequence number, the device time in milliseconds; then labelled values:
+/// `pressure` (kPa), the bending `angle` (°), the angle `predicted` by the model on the board (°),
+/// the `setpoint` (°) or, in a pressure protocol, `setpoint_kpa` (kPa), and the pump's `volume` (ml,
+/// so that it shares a scale with the others). Last, the letter of the state and the code of the
+/// latched fault, with a `!` while the mismatch flag is set. A sensor without a reading sends `nan`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Telemetry {
     /// Counts lines since reset and wraps; a gap means lost lines.

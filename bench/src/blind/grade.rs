@@ -1,21 +1,7 @@
 //! What a verdict is worth, by name, family and strength.
 //!
-//! Of cases that hide one effect:
-//!
-//! - **exact**: the verdict is `effect_found` and names exactly the truth.
-//! - **family**: it names another member of the truth's family and nothing
-//!   else, or it is `cannot_tell` with that family.
-//! - **set**: it is `cannot_tell`, and its answer set has three explanations or
-//!   fewer, one of which is the truth.
-//! - **right**: one of these three.
-//! - **wrong**: `effect_found` with anything of another family, at full strength
-//!   (`"strength": "explains"`, or none) or for a part of the gap (`"part"`).
-//! - **silent**: `unexplained`.
-//!
-//! Two effects are right by the same words, with the families of both; and
-//! **one of two** if what is said is right for one of them and wrong for none.
-//! On data that hide nothing, or only parameters, every name is false; what is
-//! outside the catalogue has no name either.
+//! A diagnosis that cannot tell two members of a family apart is still right; one that names another
+//! family is wrong, of all of the gap or of a part ([`Grade`]).
 
 use std::collections::BTreeSet;
 
@@ -41,18 +27,24 @@ impl Strength {
     }
 }
 
-/// What a verdict is worth.
+/// What a verdict is worth, on a case that hides an effect.
+///
+/// Two effects are right by the same words, with the families of both. On data that hide nothing,
+/// or only parameters, every name is false; what is outside the catalogue has no name either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Grade {
-    /// Exactly the truth.
+    /// The verdict is `effect_found` and names exactly the truth.
     Exact,
-    /// Its family.
+    /// It names another member of the truth's family and nothing else, or it is `cannot_tell` with
+    /// that family.
     Family,
-    /// In a set of three or fewer.
+    /// It is `cannot_tell`, and its answer set has three explanations or fewer, one of which is the
+    /// truth.
     Set,
-    /// Right for one of two.
+    /// What is said is right for one of two effects and wrong for none.
     OneOfTwo,
-    /// Something of another family.
+    /// `effect_found` with anything of another family, at full strength (`"strength": "explains"`,
+    /// or none) or for a part of the gap (`"part"`).
     Wrong(Strength),
     /// `cannot_tell` without any of these.
     Open,

@@ -1,14 +1,4 @@
-//! What a verdict said, as far as it is scored, and whether that is the truth:
-//!
-//! - **named, strict**: the verdict is `effect_found` and names exactly the
-//!   truth.
-//! - **named, lenient**: or the verdict is `cannot_tell` and its answer set is
-//!   the truth and at most one other single effect, which the catalogue lists
-//!   as a look-alike of the truth.
-//! - **in the answer set**: the truth is what is named, or one of the
-//!   alternatives; beside a name only alternatives with a probability of 5 % or
-//!   more count. `unexplained` has no answer set.
-//! - **a name**: the verdict is `effect_found`.
+//! What a verdict said, as far as it is scored, and whether that is the truth.
 
 use std::collections::BTreeSet;
 
@@ -102,17 +92,18 @@ impl Said {
         }
     }
 
-    /// Whether a name is given.
+    /// Whether a name is given: the verdict is `effect_found`.
     pub fn names(&self) -> bool {
         !self.named.is_empty()
     }
 
-    /// Named, strict.
+    /// Named, strict: the verdict is `effect_found` and names exactly the truth.
     pub fn names_exactly(&self, truth: &[String]) -> bool {
         self.names() && self.named == truth
     }
 
-    /// Named, lenient.
+    /// Named, lenient: strictly, or the verdict is `cannot_tell` and its answer set is the truth and
+    /// at most one other single effect, which the catalogue lists as a look-alike of the truth.
     pub fn names_group(&self, truth: &[String]) -> bool {
         if self.names_exactly(truth) {
             return true;
@@ -126,7 +117,8 @@ impl Said {
             )
     }
 
-    /// In the answer set.
+    /// In the answer set: the truth is what is named, or one of the alternatives. Beside a name only
+    /// alternatives with a probability of 5 % or more count. `unexplained` has no answer set.
     pub fn holds(&self, truth: &[String]) -> bool {
         self.answer_set.contains(truth)
     }

@@ -5,11 +5,8 @@
 //! the first guess can be seen on any recording. `cargo xtask bench invariance` asks every
 //! case as it is, then in the other [`ways`], and counts how often the answer stays.
 //!
-//! [`cases`] finds the cases, [`ways`] says how a question is changed, [`pose`] writes the
-//! changed files, [`ask`] runs `softrig` and keeps what it said, [`answer`] compares two answers,
-//! [`known`] scores them where somebody knows the truth, and [`counts`] counts. On the same
-//! cases [`calibration`] counts how often what is stated with a probability is right;
-//! [`choice`] is what both let one choose.
+//! On the same cases [`calibration`] counts how often what is stated with a probability is
+//! right; [`choice`] is what both let one choose.
 
 pub mod answer;
 pub mod ask;

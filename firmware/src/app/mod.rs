@@ -1,16 +1,8 @@
 //! The application: readings and lines in, outputs and replies out.
 //!
-//! It makes all decisions and touches no hardware. The board layer calls, once per control
-//! period:
-//!
-//! 1. [`App::receive`] for every line that was completed since, or
-//!    [`App::overlong`] for one that was too long;
-//! 2. [`App::tick`] with the inputs, the EEPROM and the second before a fault, and applies the
-//!    outputs;
-//! 3. [`App::telemetry`], and writes the line;
-//! 4. [`App::report`], which writes at most one further line.
-//!
-//! After a reset it calls [`App::new`] and then [`App::banner`].
+//! It makes all decisions and touches no hardware, so that the whole of it runs and is tested on
+//! a computer. The board layer makes an [`App`] after a reset and calls it once per control
+//! period.
 
 mod activity;
 mod derived;
@@ -62,6 +54,16 @@ pub use texts::{HELP, PlainTexts, Texts};
 const AT_ONCE: u8 = 14;
 
 /// The memory of the board.
+///
+/// After a reset the board layer calls [`App::new`] and then [`App::banner`]. Then, once per
+/// control period:
+///
+/// 1. [`App::receive`] for every line that was completed since, or [`App::overlong`] for one that
+///    was too long;
+/// 2. [`App::tick`] with the inputs, the EEPROM and the second before a fault, and applies the
+///    outputs;
+/// 3. [`App::telemetry`], and writes the line;
+/// 4. [`App::report`], which writes at most one further line.
 #[derive(Clone, Debug)]
 pub struct App {
     settings: Settings,

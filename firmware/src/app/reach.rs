@@ -1,15 +1,12 @@
 //! Can anything that is said to the board start a run on a rig that is not ready?
 //!
-//! A search through all sequences of at most [`LINES`] lines from [`lines`], with a
-//! pause of none, one or many periods before each, in which any one of [`World`] holds:
-//! broken wires, a pressure that is not zero, a pressed switch. Lines that the board
-//! must not obey, unsealed, damaged or out of bounds, are among them. The firmware's
-//! real [`App`] is asked; beside it stands an oracle that knows what was said, where the
-//! plunger really was, and for how long which wire was broken.
+//! A search through all sequences of at most [`LINES`] lines from [`lines`], with a pause of
+//! none, one or many periods before each, in any one [`World`]. The firmware's real [`App`] is
+//! asked; beside it stands an oracle that knows what was said, where the plunger really was, and
+//! for how long which wire was broken.
 //!
-//! Two situations count as the same if [`Situation`] is: the states of everything that
-//! decides anything. What is left out is the clock, how far a filter has come, and
-//! where exactly the plunger stands; so the search is exhaustive up to these.
+//! Situations count as the same if [`Situation`] is. It leaves out the clock, how far a filter
+//! has come, and where exactly the plunger stands; the search is exhaustive up to these.
 
 extern crate std;
 
@@ -49,7 +46,8 @@ const KNOWN: u16 = 7;
 /// Periods after which a pressure that is off shows in the filtered reading.
 const FILTERED: u16 = 60;
 
-/// The condition of the rig around the board.
+/// The condition of the rig around the board: broken wires, a pressure that is not zero, a
+/// pressed switch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum World {
     Well,
@@ -102,7 +100,7 @@ fn sealed(command: Command) -> String {
 }
 
 /// Every kind of command, with arguments that lead to different answers, and lines
-/// that must have no effect.
+/// that must have no effect: unsealed, damaged or out of bounds.
 fn lines() -> Vec<String> {
     let set = |key, value: f32| Command::Set {
         key,
@@ -187,7 +185,7 @@ struct Bench {
     oracle: Oracle,
 }
 
-/// The fields in which equal situations agree.
+/// The fields in which equal situations agree: the states of everything that decides anything.
 #[derive(Hash)]
 #[allow(clippy::struct_excessive_bools)] // That much is two-valued.
 struct Situation {

@@ -1,30 +1,13 @@
 //! The angle loop around the pressure loop: internal model control.
 //!
-//! The board predicts the angle θ̂ from the measured pressure. With an exact model, θ̂ and
-//! its rate are the state of the actuator, without the noise and lag of a sensor, and the
-//! equation of motion gives the pressure for the desired motion:
+//! The board predicts the angle from the measured pressure. With an exact model the prediction is
+//! the state of the actuator, without the noise and lag of a sensor, so the loop is as fast at
+//! 10°, where silicone is soft and slow, as at 90°, where it is stiff and rings. A slow pump
+//! causes no windup, since the prediction is driven by the measured pressure, not by the
+//! commanded one.
 //!
-//! ```text
-//! a = ω² (θ_model − θ̂) − 2ω θ̂̇              critically damped towards θ_model
-//! p = p(θ̂, θ̂̇, z, a)                        what accelerates by a, with all memories z
-//! ```
-//!
-//! So the loop is as fast at 10°, where silicone is soft and slow, as at 90°, where it is
-//! stiff and rings. A slow pump causes no windup, since the prediction is driven by the
-//! measured pressure, not by the commanded one.
-//!
-//! The sensor only gives the model error. By Ludwick's law a wrong stiffness scales the
-//! angle, so the error is a relative error s, and the reference of the model is corrected
-//! by it:
-//!
-//! ```text
-//! s = (θ − θ̂)/max(|θ̂|, 10°)      through (1 + lead·d/dt)/(1 + smoothing·d/dt)
-//! θ_model = θ_set/(1 + s)
-//! ```
-//!
-//! With an exact model s is zero, and no feedback can oscillate. The relative error is
-//! limited, so that a dead sensor cannot command more than the pressure of twice the angle.
-//! If sensor and prediction stay that far apart, the rig stops.
+//! The sensor only gives the model error. With an exact model that is zero, and no feedback can
+//! oscillate.
 
 use model_core::predictor::{Prediction, Predictor};
 
@@ -124,6 +107,24 @@ impl Loop {
 
     /// Lets one control period pass, for set-point and smoothed reading (rad). `pushes` says
     /// whether the commanded pressure could do harm.
+    ///
+    /// With θ̂ the predicted angle, ω the bandwidth and z all memories of the model:
+    ///
+    /// ```text
+    /// a = ω² (θ_model − θ̂) − 2ω θ̂̇              critically damped towards θ_model
+    /// p = p(θ̂, θ̂̇, z, a)                        what accelerates by a, with all memories z
+    /// ```
+    ///
+    /// By Ludwick's law a wrong stiffness scales the angle, so the model error is a relative error s,
+    /// and the reference of the model is corrected by it:
+    ///
+    /// ```text
+    /// s = (θ − θ̂)/max(|θ̂|, 10°)      through (1 + lead·d/dt)/(1 + smoothing·d/dt)
+    /// θ_model = θ_set/(1 + s)
+    /// ```
+    ///
+    /// s is limited, so that a dead sensor cannot command more than the pressure of twice the angle.
+    /// If sensor and prediction stay that far apart, the rig stops ([`Loop::disagrees`]).
     pub fn step(
         &mut self,
         config: &Config,

@@ -1,21 +1,11 @@
 //! The pressure loop, with a syringe pump.
 //!
-//! The pump is an integrator: a flow changes the volume, and the gas law gives the
-//! pressure. With V the volume of the enclosed air at atmospheric pressure p₀:
+//! The pump is an integrator: a flow changes the volume, and the gas law gives the pressure. At
+//! 100 kPa the same flow changes it four times as fast as at rest; the loop compensates that, so
+//! it is as fast at 100 kPa as at rest.
 //!
-//! ```text
-//! p = p₀ (V/(V − v) − 1)        dp/dv = (p₀ + p)²/(p₀ V): 2 kPa/ml at rest for
-//!                               50 ml, 8 kPa/ml at 100 kPa
-//! flow = kp (p₀/(p₀ + p))² e + I,  dI/dt = ki e   while nothing saturates
-//! ```
-//!
-//! The factor compensates the gas law: the loop is as fast at 100 kPa as at rest, where
-//! the same flow changes the pressure a quarter as fast.
-//!
-//! With an integrating plant, proportional control alone has no steady-state error for
-//! steps; the integral is for ramps, leaks and creep. It only runs near the set-point and
-//! without saturation, so it cannot wind up, and it is reset when the pump rests. Volumes
-//! are in µl: one microstep is a fraction of one.
+//! With an integrating plant, proportional control alone has no steady-state error for steps; the
+//! integral is for ramps, leaks and creep.
 
 use super::{
     ATMOSPHERE_PA,
@@ -98,6 +88,19 @@ impl Loop {
 
     /// Returns the flow (µl/s, positive compresses) for set-point and measured
     /// pressure (Pa) at a displaced volume (µl), and lets `dt` seconds pass.
+    ///
+    /// With V the volume (µl) of the enclosed air at atmospheric pressure p₀, v the displaced volume
+    /// and e the error:
+    ///
+    /// ```text
+    /// p = p₀ (V/(V − v) − 1)        dp/dv = (p₀ + p)²/(p₀ V): 2 kPa/ml at rest for
+    ///                               50 ml, 8 kPa/ml at 100 kPa
+    /// flow = kp (p₀/(p₀ + p))² e + I,  dI/dt = ki e   while nothing saturates
+    /// ```
+    ///
+    /// The factor compensates the gas law. The integral only runs near the set-point and without
+    /// saturation, so it cannot wind up, and it is reset when the pump rests. Volumes are in µl: one
+    /// microstep is a fraction of one.
     pub fn step(
         &mut self,
         config: &Config,

@@ -1,21 +1,20 @@
 //! The low-pass filter between the sensors and the loops.
 //!
-//! A loop with a derivative makes noise audible in the motor, so it gets a
-//! smoothed reading. Two exponential stages are enough: they have no overshoot,
-//! no coefficients beyond a half, and cost two multiplications.
-//!
-//! ```text
-//! y₁ ← y₁ + (x − y₁)/2        y₂ ← y₂ + (y₁ − y₂)/2
-//! ```
-//!
-//! At 100 Hz: a delay of 20 ms (each stage one sample) for everything slow, −3 dB
-//! at 7.3 Hz, and 43 % of the standard deviation of white noise. The readings that are
-//! recorded and compared with the prediction are *not* filtered.
+//! A loop with a derivative makes noise audible in the motor, so it gets a smoothed reading. The
+//! readings that are recorded and compared with the prediction are *not* filtered.
 
 /// Delay (s) at low frequencies.
 pub const DELAY_S: f32 = 0.02;
 
 /// A low-pass filter for samples at the control rate.
+///
+/// ```text
+/// y₁ ← y₁ + (x − y₁)/2        y₂ ← y₂ + (y₁ − y₂)/2
+/// ```
+///
+/// Two exponential stages are enough: they have no overshoot, no coefficients beyond a half, and
+/// cost two multiplications. At 100 Hz: a delay of 20 ms (each stage one sample) for everything
+/// slow, −3 dB at 7.3 Hz, and 43 % of the standard deviation of white noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LowPass {
     first: f32,

@@ -1,21 +1,22 @@
 //! Detects a stuck sensor.
 //!
-//! A frozen converter or a sensor torn off its actuator gives a plausible voltage, but
-//! repeats it *exactly* while the rig moves. The sum of sixteen conversions of a working
-//! sensor contains its noise and that of the converter, and one count of the sum is 0.02°
-//! of a flex sensor.
+//! A frozen converter or a sensor torn off its actuator gives a plausible voltage, but repeats it
+//! *exactly* while the rig moves. The sum of sixteen conversions of a working sensor contains its
+//! noise and that of the converter, and one count of the sum is 0.02° of a flex sensor.
 //!
-//! At rest a quiet sensor may repeat for seconds, so exact repetition alone is no fault.
-//! It counts only while the pressure differs by [`MOTION_PA`] or more from its value when
-//! the reading last changed. Tubes and actuators respond 0.1–0.6 s late, so this has to
-//! last for [`SAMPLES`]: a second. Below a pressure threshold of the actuator only noise
-//! distinguishes a working sensor from a stuck one; [`MOTION_PA`] is above the thresholds
-//! of soft actuators, a few kPa.
+//! At rest a quiet sensor may repeat for seconds, so exact repetition alone is no fault. It counts
+//! only while the pressure differs by [`MOTION_PA`] or more from its value when the reading last
+//! changed, and only after [`SAMPLES`].
 
 /// Change of the pressure (Pa) under which an actuator must have moved.
+///
+/// Below a pressure threshold of the actuator only noise distinguishes a working sensor from a
+/// stuck one; this is above the thresholds of soft actuators, a few kPa.
 pub const MOTION_PA: f32 = 20_000.0;
 
 /// Samples of repetition under that change that are a fault: a second.
+///
+/// Tubes and actuators respond 0.1–0.6 s late.
 pub const SAMPLES: u8 = 100;
 
 /// The memory of one sensor.

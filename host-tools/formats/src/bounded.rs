@@ -22,11 +22,11 @@ const MIB: u64 = 1 << 20;
 pub struct Limits {
     /// Bytes of text, after unpacking.
     pub bytes: u64,
-    /// Bytes of one row, or without a row between them: empty lines are none.
+    /// Bytes of one row, or between two rows: empty lines are not rows.
     pub row_bytes: u64,
     /// Rows.
     pub rows: u64,
-    /// Fields of all rows together; text that is kept takes its room in memory field by field.
+    /// Fields of all rows together; kept text needs its memory field by field.
     pub fields: u64,
 }
 
@@ -40,7 +40,7 @@ impl Limits {
         fields: 40_000_000,
     };
 
-    /// For a table that is no recording, from a file that was read whole and so has a limit.
+    /// For a table that is not a recording, from a file that was read whole and so has a limit.
     pub const TABLE: Self = Self {
         bytes: u64::MAX,
         row_bytes: MIB,
@@ -163,8 +163,8 @@ pub fn too_large(limit: u64) -> InputError {
     )
 }
 
-/// Refuses a pipe with a name: opening it waits for somebody to write, and what was read from it
-/// is gone for whoever looks at it again. What the shell makes of `<(…)` has its writer.
+/// Refuses a named pipe: opening it waits for a writer, and what was read from it is gone for the
+/// next reader. What the shell makes of `<(…)` has a writer.
 ///
 /// # Errors
 ///
@@ -215,12 +215,12 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, InputError> {
 ///
 /// # Errors
 ///
-/// Like [`read_bytes`], and if it is no text in UTF-8.
+/// Like [`read_bytes`], and if it is not UTF-8 text.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
     String::from_utf8(read_bytes(path)?).map_err(|_| not_text(path))
 }
 
-/// Says that a file is no text in UTF-8.
+/// Says that a file is not UTF-8 text.
 pub fn not_text(path: &Path) -> InputError {
     let error = io::Error::new(
         io::ErrorKind::InvalidData,

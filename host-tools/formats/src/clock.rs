@@ -4,21 +4,8 @@
 //! is often not when a sample was taken: a computer stamps rows when they arrive, and a serial
 //! buffer delivers ten at once; a logger stamps whole seconds; a counter of 32 or 16 bits begins
 //! again; a board is reset; a buffer is written twice. Each of these leaves a pattern that no
-//! sampling leaves, and only where that pattern is there the times are changed:
-//!
-//! | pattern | what becomes of it |
-//! |---|---|
-//! | rows that repeat rows before them, also whole blocks | left out |
-//! | one row whose time fits to neither neighbour | left out |
-//! | rows a few places from where they belong | sorted |
-//! | time falls by 2¹⁶ or 2³² of a unit, or by a day | unwrapped |
-//! | time falls otherwise | a [break](crate::recording::Recording::breaks) |
-//! | most rows arrive together with others | line through the last stamp of each burst |
-//! | many rows have the same time | line through the first row of each time |
-//! | stamps scatter about an even clock, and the motion is smoother along that clock | that clock |
-//!
-//! Times that are uneven in another way are left alone: they may be exact. The last pattern would
-//! also fit to a timer whose late samples are stamped right, so there the motion decides.
+//! sampling leaves, and only where that pattern is there the times are changed ([`mend`]). Times
+//! that are uneven in another way are left alone: they may be exact.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -28,10 +15,10 @@ use statrs::statistics::{Data, OrderStatistics};
 use crate::left_out::What;
 use crate::recording::pause_s;
 
-/// A time that goes on after an overflow, or follows a lost row, is no later than so many usual
-/// intervals.
+/// A time that goes on after an overflow, or follows a lost row, is later by at most this many
+/// usual intervals.
 const FOLLOWS: f64 = 10.0;
-/// Rows that stand so far from where they belong are out of order; farther, it is another run.
+/// Rows up to this far from where they belong are out of order; farther, it is another run.
 const UNSORTED: usize = 100;
 /// Fewest samples a run, on average, of a file in which the clock begins again: shorter runs show
 /// no motion.
@@ -47,12 +34,12 @@ const MOST_TOGETHER: f64 = 0.5;
 const FEWEST_BURSTS: usize = 8;
 /// Longest time between bursts (s): what computers buffer. Longer pauses are pauses.
 const LONGEST_BUFFERED_S: f64 = 5.0;
-/// Between bursts a motion goes on as within them; in pauses it goes farther, by at least so
-/// much.
+/// Between bursts a motion goes on as within them; in pauses it goes farther, by at least this
+/// factor.
 const FARTHER: f64 = 2.0;
 /// Share of steps without any time from which the stamps are coarser than the sampling.
 const COARSE: f64 = 0.01;
-/// Rows with the same time, on average, from which equal rows are a sensor at rest and no copies.
+/// Rows with the same time, on average, from which equal rows are a sensor at rest, not copies.
 const MANY_AT_A_TIME: f64 = 4.0;
 
 /// Share of rows with the time of the row before that may differ from it where rows are copied.
@@ -94,7 +81,7 @@ pub(crate) fn is_counter(name: &str) -> bool {
     COUNTERS.contains(&name.trim().to_lowercase().as_str())
 }
 
-/// The rows of a file, whose times were not looked at.
+/// The rows of a file, before their times are examined.
 pub(crate) struct Rows<'a> {
     /// Times (s).
     pub time: &'a [f64],
@@ -123,7 +110,7 @@ pub(crate) struct Mended {
     pub rows: Vec<usize>,
     /// Their times (s), strictly increasing.
     pub time: Vec<f64>,
-    /// Their times as they stand in the file (s), if those were reconstructed.
+    /// Their times as in the file (s), if those were reconstructed.
     pub stamps: Option<Vec<f64>>,
     /// Places among them at which the clock begins again.
     pub breaks: Vec<usize>,
@@ -135,6 +122,20 @@ pub(crate) struct Mended {
 pub(crate) struct Disorder(pub usize);
 
 /// Looks for the patterns, and mends the clock; none where there is nothing to mend.
+///
+/// | pattern | what becomes of it |
+/// |---|---|
+/// | rows that repeat rows before them, also whole blocks | left out |
+/// | one row whose time fits to neither neighbour | left out |
+/// | rows a few places from where they belong | sorted |
+/// | time falls by 2¹⁶ or 2³² of a unit, or by a day | unwrapped |
+/// | time falls otherwise | a [break](crate::recording::Recording::breaks) |
+/// | most rows arrive together with others | line through the last stamp of each burst |
+/// | many rows have the same time | line through the first row of each time |
+/// | stamps scatter about an even clock, and the motion is smoother along that clock | that clock |
+///
+/// The last pattern would also fit to a timer whose late samples are stamped right, so there the
+/// motion decides.
 pub(crate) fn mend(rows: &Rows) -> Result<Option<Mended>, Disorder> {
     let usual = usual_step(rows.time);
     if usual <= 0.0 && rows.time.len() > 1 {
@@ -229,7 +230,7 @@ impl Ordered {
             };
             let near = |time: f64| time > last && time - last <= FOLLOWS * usual;
             if now > last {
-                // One that is far ahead, of which the next knows nothing.
+                // One that is far ahead, while the next row is not.
                 if now - last > FOLLOWS * usual && next.is_some_and(|next| next < now && near(next))
                 {
                     finds.misfits.push(at);

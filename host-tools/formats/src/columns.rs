@@ -11,7 +11,7 @@ use toml_edit::Value;
 use crate::recording::PASCAL_PER_KPA;
 use crate::setup::Setup;
 
-/// What may be written as units, for whoever is asked for them.
+/// What may be written as units, for a prompt.
 pub const UNITS_HELP: &str = "as time=ms,pressure=psi,angle=rad; pressure=psi*100 for values times 100, time=s*50 for 50 rows a second";
 
 /// Pressure of the air at sea level (kPa), the standard atmosphere.
@@ -53,7 +53,7 @@ impl Quantity {
         ["time", "pressure", "angle"][self as usize]
     }
 
-    /// The column that holds it, if nobody names another.
+    /// The column that holds it, unless another is named.
     pub fn column(self) -> &'static str {
         ["time_s", "pressure_kpa", "angle_deg"][self as usize]
     }
@@ -301,7 +301,7 @@ impl Unit {
     }
 }
 
-/// How the numbers of a column become those of its unit: two of them, and what they stand for.
+/// How the numbers of a column become those of its unit: two of them, and what they mean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scale {
     /// Two numbers of the file, each with what it is in the unit.
@@ -371,7 +371,7 @@ pub struct Columns {
     pub time: Option<TimeUnit>,
     /// Unit of the pressure.
     pub pressure: Option<PressureUnit>,
-    /// The pressure is absolute, and that of the air is this (kPa).
+    /// The pressure is absolute, and this is the pressure of the air (kPa).
     pub air_kpa: Option<f64>,
     /// Unit of the angle.
     pub angle: Option<AngleUnit>,
@@ -381,7 +381,7 @@ pub struct Columns {
     pub angle_zero_deg: Option<f64>,
     /// The angle counts the other way round.
     pub flip_angle: bool,
-    /// Pressure and angle stand in each other's column.
+    /// Pressure and angle are in each other's column.
     pub exchange: bool,
     /// Nothing of the pressure is beyond half the sampling rate.
     pub band_limited: bool,
@@ -688,7 +688,7 @@ impl Names {
     }
 }
 
-/// Where a recording stands in a file: in which columns, and in which units.
+/// Where a recording is in a file: in which columns, and in which units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layout {
     /// The names of the columns.
@@ -700,14 +700,14 @@ pub struct Layout {
     /// Lines at the start of a table of text that are not read; none where the header is to be
     /// found.
     pub skip_rows: Option<u64>,
-    /// Whether lines that are no rows are refused, however few they are.
+    /// Whether lines that are not rows are refused, however few.
     pub strict: bool,
-    /// Whether a file says where the recordings of other tools stand, and nobody in person where
-    /// this one does: one that softrig has recorded is then read as that.
+    /// Whether this layout comes from a file about the recordings of other tools, not from a person
+    /// about this one: a recording of softrig is then read as such.
     pub of_a_file: bool,
 }
 
-/// The name of a pressure that nobody recorded: there is none, all the time.
+/// The name of a pressure that was not recorded: it is zero throughout.
 pub const NOTHING: &str = "none";
 
 /// The name of a time that is told by the number of the row, from 0.
@@ -749,7 +749,7 @@ impl Layout {
     }
 
     /// The layout of what softrig records itself, with what else is said here; none if a person
-    /// says where the columns are, or nobody says anything.
+    /// says where the columns are, or if nothing is said.
     pub fn as_recorded(&self) -> Option<Self> {
         (self.of_a_file && self.names != Names::default()).then(|| Self {
             setup: self.setup.clone(),

@@ -34,8 +34,8 @@ pub struct InputError {
 /// The name in a suggestion of a column that no header looks like.
 pub const UNKNOWN_COLUMN: &str = "COLUMN";
 
-/// Columns and units as `--columns` and `--units` take them; `COLUMN` stands for a column that
-/// nothing in the header looks like, and units may be empty.
+/// Columns and units as `--columns` and `--units` take them; `COLUMN` is a column that nothing in
+/// the header looks like, and units may be empty.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Suggestion {
     /// `time=t,pressure=p_psi`.
@@ -45,7 +45,7 @@ pub struct Suggestion {
 }
 
 impl InputError {
-    /// Creates an error that is in no file: an argument.
+    /// Creates an error that is not in a file but in an argument.
     pub fn new(found: impl Into<String>, advice: impl Into<String>) -> Self {
         Self {
             file: None,
@@ -141,7 +141,7 @@ pub fn is_stream_of_shell(path: &Path) -> bool {
         "/dev/fd",
         "/proc",
     ];
-    // A name there that is none is a slip of the keyboard.
+    // A name there that does not exist is a typing error.
     OPEN_FILES.iter().any(|place| path.starts_with(place)) && path.symlink_metadata().is_ok()
 }
 
@@ -164,7 +164,7 @@ pub fn check_writable(path: &Path) -> Result<(), InputError> {
         );
     }
     if is_stream(path) {
-        // Whoever reads a pipe would take its being opened and closed for the result.
+        // The reader of a pipe would take its opening and closing for the result.
         return Ok(());
     }
     Place::of(path).map(drop)
@@ -262,7 +262,7 @@ impl Pending {
     ///
     /// # Errors
     ///
-    /// Says why they cannot be written. What stands at `path` is untouched.
+    /// Says why they cannot be written. What is at `path` is untouched.
     pub fn new(path: &Path, bytes: &[u8]) -> Result<Self, InputError> {
         let fail = |error: &io::Error| not_written(path, error);
         let mut place = Place::of(path)?;
@@ -318,8 +318,8 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     Pending::new(path, bytes)?.commit().map(drop)
 }
 
-/// Writes a recording and what stands beside it. However that ends, there is never the
-/// metadata of one recording beside the rows of another: at worst there are none.
+/// Writes a recording and its metadata beside it. Whatever fails, the metadata of one recording are
+/// never beside the rows of another: at worst there are none.
 ///
 /// # Errors
 ///

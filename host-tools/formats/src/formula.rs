@@ -5,13 +5,6 @@
 //! is our own, because fits need derivatives and errors need columns
 //! (`docs/decisions/0044-effects-by-formula.md`).
 //!
-//! | binds | operators | side |
-//! |---|---|---|
-//! | least | `+` `-` | left |
-//! | | `*` `/` | left |
-//! | | sign `-` `+` | |
-//! | most | `^` | right |
-//!
 //! The text is untrusted: its length, its depth and its intermediate results are limited,
 //! so that parsing is fast and cannot exhaust the stack.
 
@@ -23,7 +16,7 @@ use crate::numbers::short;
 /// The most characters of a formula.
 pub const LONGEST: usize = 1_000;
 
-/// How deep parentheses, signs and powers may stand in each other.
+/// How deep parentheses, signs and powers may be nested.
 const DEEPEST: usize = 40;
 
 /// Whole exponents up to this one multiply; beyond, and with fractions, a power is only
@@ -74,7 +67,7 @@ const OTHERWISE: [(&str, &str); 12] = [
     ("fabs", "abs"),
 ];
 
-/// Why a text is no formula.
+/// Why a text is not a formula.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// Where, as a byte of the text; its length at its end.
@@ -96,6 +89,13 @@ impl Fault {
 }
 
 /// A formula, read.
+///
+/// | binds | operators | side |
+/// |---|---|---|
+/// | least | `+` `-` | left |
+/// | | `*` `/` | left |
+/// | | sign `-` `+` | |
+/// | most | `^` | right |
 #[derive(Clone, Debug, PartialEq)]
 pub struct Formula {
     instructions: Vec<Instruction>,
@@ -163,19 +163,19 @@ impl Formula {
         })
     }
 
-    /// Whether the parameter at this index stands in the formula.
+    /// Whether the parameter at this index occurs in the formula.
     pub fn uses(&self, parameter: usize) -> bool {
         self.operands()
             .any(|it| matches!(it, Operand::Parameter(index) if usize::from(index) == parameter))
     }
 
-    /// Whether the memory at this index stands in the formula.
+    /// Whether the memory at this index occurs in the formula.
     pub fn recalls(&self, memory: usize) -> bool {
         self.operands()
             .any(|it| matches!(it, Operand::Memory(index) if usize::from(index) == memory))
     }
 
-    /// The variables that stand in the formula.
+    /// The variables that occur in the formula.
     pub fn variables(&self) -> Vec<Variable> {
         let reads = |variable| self.operands().any(|it| it == Operand::Variable(variable));
         Variable::ALL.into_iter().filter(|&it| reads(it)).collect()
@@ -206,8 +206,8 @@ impl Formula {
     }
 }
 
-/// A formula with numbers in place of its parameters, in three digits: `0.012*p*tanh(w/0.05)`.
-/// What is no formula comes back as it is.
+/// A formula with numbers in place of its parameters, in three digits: `0.012*p*tanh(w/0.05)`. A
+/// text that is not a formula is returned as it is.
 pub fn with_values(text: &str, values: &[(&str, f64)]) -> String {
     let Ok(tokens) = tokens(text) else {
         return text.to_owned();
@@ -357,7 +357,7 @@ fn length_of_number(text: &str) -> usize {
         let sign = text[end + 1..].starts_with(['+', '-']);
         let from = end + 1 + usize::from(sign);
         let exponent = digits(from);
-        // Without digits it is a name that begins with e, and no exponent.
+        // Without digits it is a name that begins with e, not an exponent.
         if exponent > from {
             end = exponent;
         }

@@ -1,7 +1,7 @@
 //! The moment by which work counts its time, and waiting.
 //!
-//! Everywhere but in WebAssembly both are the computer's. WebAssembly has neither: whoever runs the
-//! program gives them, and without them no time passes.
+//! Everywhere but in WebAssembly both are the computer's. WebAssembly has neither: the program's
+//! host gives them, and without them no time passes.
 
 #[cfg(all(target_family = "wasm", target_os = "unknown"))]
 pub use given::{Instant, give, sleep};

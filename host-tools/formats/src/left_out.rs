@@ -105,7 +105,7 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// So many of a kind, of which the first are at these places.
+    /// Creates an entry for all `places` of a kind; it names the first of them.
     pub fn new(
         what: What,
         file: &Path,

@@ -8,7 +8,7 @@
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]
-// Whatever is said goes through `terminal`, which makes harmless what others wrote.
+// All output goes through `terminal`, which makes foreign text harmless.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 pub mod bounded;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::columns::{AngleUnit, Quantity};
 use crate::numbers::short;
 
-/// Name of an output that is no angle, in a column that is named as an angle.
+/// Name of an output that is not an angle, in a column that is named as an angle.
 const UNNAMED: &str = "output";
 
 /// Name and unit of the output, as results show it.
@@ -72,7 +72,7 @@ impl Measurand {
         self.unit().trim_start()
     }
 
-    /// The unit as it stands behind a number: `°` at once, others after a blank.
+    /// The unit as it is written behind a number: `°` at once, others after a blank.
     pub fn unit(&self) -> &'static str {
         match self.unit {
             AngleUnit::Deg | AngleUnit::Rad => "°",

@@ -55,8 +55,8 @@ pub struct ModelFile {
     pub model: Model<f64>,
     /// The free parameters of a refit.
     pub free: Vec<ParameterId>,
-    /// Ranges (SI units) of free base parameters of which the file says how well it knows
-    /// them; the others may have any value.
+    /// Ranges (SI units) of the free base parameters whose accuracy the file gives; the others may
+    /// have any value.
     pub within: Vec<KnownRange>,
     /// The material section, if there is one.
     pub actuator: Option<ActuatorSection>,
@@ -180,8 +180,7 @@ impl ModelFile {
     }
 }
 
-/// Writes a table into its section: the forces anew, what is right already as it
-/// stands.
+/// Writes a table into its section: the forces anew; what is right already stays as it is.
 fn write_table(section: &mut Table, numbers: &table::Table<f64>) {
     let of = numbers.of();
     if section.get("of").and_then(Item::as_str) != Some(of.name()) {
@@ -313,7 +312,7 @@ pub fn to_file_units(model: &Model<f64>, id: ParameterId, value: f64) -> f64 {
     model.row(id).map_or(value, |row| row.unit.from_si(value))
 }
 
-/// How the comment above a number of a first model begins to say that nobody measured it.
+/// How the comment above a number of a first model begins to say that it was not measured.
 pub const BY_CONVENTION: &str = "by convention: ";
 
 /// How other comments begin that `softrig init` writes after the name of a number.
@@ -403,7 +402,6 @@ pub(crate) fn twice(
     )
 }
 
-/// Reads a model.
 struct ModelReader<'a> {
     toml: Reader<'a>,
 }
@@ -1034,7 +1032,7 @@ fn derived_exponent(actuator: &ActuatorSection) -> Option<f64> {
     Some(named(&actuator.material)?.exponent())
 }
 
-/// Where the material stands.
+/// Where the material is.
 fn material_span(root: &Table) -> Option<std::ops::Range<usize>> {
     root.get("actuator")?.get("material")?.span()
 }

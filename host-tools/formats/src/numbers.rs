@@ -1,15 +1,10 @@
 //! How numbers are written, by who reads them.
 //!
-//! | reader | function | digits |
-//! |---|---|---|
-//! | sentences, tables, plots, the report | [`short`], [`degrees`], [`with_ends`] | three significant: further ones mean nothing, and one error with three digits here and four there looks like two |
-//! | | [`percent`], [`evidence`] | whole |
-//! | | [`fit`] | whole percent, tenths above 90 % |
-//! | progress, budgets | [`duration`], [`spelled`] | whole seconds; as a user gave it |
-//! | a proposed model file | [`four_digits`] | four significant |
-//! | a fitted model file, the verdict's JSON | [`tidy`] | seven significant |
-//! | limits in errors and documents | [`bound`] | all of them |
-//! | exported programs | [`exact`] | all that tell it from its neighbours |
+//! Sentences, tables, plots and the report have three significant digits ([`short`],
+//! [`with_ends`]): further ones mean nothing, and one error with three digits here and four there
+//! looks like two. Progress and budgets are [`duration`] and [`spelled`]; a proposed model file has
+//! [`four_digits`]; a fitted one and the verdict's JSON are [`tidy`]; limits in errors and documents
+//! are [`bound`]; exported programs need [`exact`] numbers.
 
 use std::time::Duration;
 
@@ -43,8 +38,8 @@ pub fn evidence(value: f64) -> String {
     }
 }
 
-/// The normalised RMS fit of system identification, 1 − ‖y − ŷ‖/‖y − ȳ‖, from two RMS
-/// values. Three digits near 100 %, where models differ by less than 1 %.
+/// The normalised RMS fit of system identification, 1 − ‖y − ŷ‖/‖y − ȳ‖, from two RMS values. Whole
+/// percent; tenths above 90 %, where models differ by less than 1 %.
 pub fn fit(error: f64, spread: f64) -> String {
     let share = 1.0 - error / spread;
     if !share.is_finite() {

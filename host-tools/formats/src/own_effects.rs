@@ -1,29 +1,8 @@
 //! Effects with the user's own formulas: `[[effect]]` with `kind = "custom"`.
 //!
 //! Such an effect is in a model file, with the values of its parameters, or in a file of
-//! effects for `softrig diagnose --effects`, with their initial guesses. The keys are the same:
-//!
-//! ```toml
-//! [[effect]]
-//! kind = "custom"
-//! name = "my_friction"
-//! title = "my friction"       # how sentences call it; the name without it
-//! force = "a*tanh(w/b)"       # Q in N: above zero it pushes towards smaller angles
-//!
-//! [effect.parameters]
-//! a = { value = 0.02, min = 0.0, max = 1.0, unit = "N" }
-//! b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
-//! ```
-//!
-//! A force that depends on what was before has a memory, or two: a hidden state that follows
-//! something with a time constant, which is a parameter. After a long rest it is what it follows:
-//!
-//! ```toml
-//! force = "c*(th^3 - z)"
-//!
-//! [effect.memory]
-//! z = { follows = "th^3", time_constant = "tau" }     # ż = (th³ − z)/tau
-//! ```
+//! effects for `softrig diagnose --effects`, with their initial guesses. The keys are the same
+//! (`docs/custom-effects.md`).
 //!
 //! Each definition is kept until the program ends, once per text, so that the thousands of
 //! copies of a model hold only a reference.
@@ -262,7 +241,7 @@ impl Formulated {
     }
 }
 
-/// A parameter as it stands in a section.
+/// A parameter as it is written in a section.
 #[derive(Clone, Debug)]
 pub struct DeclaredParameter {
     /// Its name.
@@ -279,7 +258,17 @@ pub struct DeclaredParameter {
     pub hold: Hold,
 }
 
-/// A memory as it stands in a section: ż = (g − z)/τ.
+/// A memory as it is written in a section: ż = (g − z)/τ.
+///
+/// A force that depends on what was before has a memory, or two: a hidden state that follows
+/// something with a time constant, which is a parameter. After a long rest it is what it follows:
+///
+/// ```toml
+/// force = "c*(th^3 - z)"
+///
+/// [effect.memory]
+/// z = { follows = "th^3", time_constant = "tau" }     # ż = (th³ − z)/tau
+/// ```
 #[derive(Clone, Debug)]
 pub struct DeclaredMemory {
     /// Its name, z.
@@ -298,7 +287,8 @@ struct Formulas {
     memories: Vec<(formula::Formula, usize)>,
 }
 
-/// A fault in one of the formulas, and the place of the memory whose it is; none for the force.
+/// A fault in one of the formulas, and the place of the memory that it belongs to; none for the
+/// force.
 type FaultIn = (Option<usize>, formula::Fault);
 
 impl DeclaredMemory {
@@ -344,14 +334,14 @@ impl Formulas {
         })
     }
 
-    /// Whether a parameter stands in one of them.
+    /// Whether a parameter occurs in one of them.
     fn use_parameter(&self, index: usize) -> bool {
         let mut memories = self.memories.iter();
         self.force.uses(index)
             || memories.any(|(follows, place)| follows.uses(index) || *place == index)
     }
 
-    /// The variables that stand in one of them.
+    /// The variables that occur in one of them.
     fn variables(&self) -> Vec<Variable> {
         let memories = self.memories.iter().map(|(follows, _)| follows);
         let formulas: Vec<_> = memories.chain([&self.force]).collect();
@@ -445,6 +435,18 @@ fn single(value: f64) -> f32 {
 }
 
 /// Reads a section `[[effect]]` with `kind = "custom"`.
+///
+/// ```toml
+/// [[effect]]
+/// kind = "custom"
+/// name = "my_friction"
+/// title = "my friction"       # how sentences call it; the name without it
+/// force = "a*tanh(w/b)"       # Q in N: above zero it pushes towards smaller angles
+///
+/// [effect.parameters]
+/// a = { value = 0.02, min = 0.0, max = 1.0, unit = "N" }
+/// b = { value = 0.05, min = 0.001, max = 1.0, unit = "rad/s" }
+/// ```
 pub(crate) fn read_section(
     reader: &Reader<'_>,
     section: &Table,
@@ -613,7 +615,7 @@ fn text_of<'t>(
     }
 }
 
-/// Where a byte of a string is in the file, as far as the string stands there as it is.
+/// Where a byte of a string is in the file, as far as the string is written there as it is.
 fn within(file: &str, string: &Span<usize>, text: &str, at: usize) -> Span<usize> {
     let raw = file.get(string.clone()).unwrap_or_default();
     match raw.find(text) {

@@ -30,7 +30,7 @@ pub struct ProtocolFile {
     pub title: String,
     /// The protocol that the board knows by name, if it is one.
     pub named: Option<Named>,
-    /// How the rig is to stand while it is played; as it stands where nothing is said.
+    /// The setup in which it is played; unchanged where nothing is said.
     pub setup: Setup,
     /// Its segments, in order.
     pub segments: Vec<Segment>,
@@ -141,7 +141,7 @@ impl ProtocolFile {
         text
     }
 
-    /// The same for a rig that stands so.
+    /// The same for a rig in this setup.
     #[must_use]
     pub fn standing(self, setup: Setup) -> Self {
         Self { setup, ..self }
@@ -180,7 +180,7 @@ impl ProtocolFile {
         played
     }
 
-    /// An error about a segment, with its line if it stands in a file.
+    /// An error about a segment, with its line if it is in a file.
     pub fn fault_at(
         &self,
         index: usize,
@@ -318,7 +318,6 @@ pub(crate) fn unit(mode: ControlMode) -> &'static str {
     }
 }
 
-/// Reads a protocol.
 struct ProtocolReader<'a> {
     toml: Reader<'a>,
 }

@@ -170,7 +170,7 @@ impl Range {
         }
     }
 
-    /// Whether a number may stand there.
+    /// Whether a number is within the range.
     pub fn contains(&self, number: f64) -> bool {
         (self.least..=self.most).contains(&number)
     }

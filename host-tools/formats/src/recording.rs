@@ -46,7 +46,7 @@ pub struct Recording {
     pub pressure: Vec<f64>,
     /// Bending angle (rad) as the sensor shows it.
     pub angle: Vec<f64>,
-    /// Other columns, as they stand in the file.
+    /// Other columns, as in the file.
     pub extra: Vec<Column>,
     /// The layout of its columns, given by the user or by the file.
     pub columns: Columns,
@@ -56,15 +56,15 @@ pub struct Recording {
     /// the same file. What happened in between is unknown; `time` goes on after
     /// [a pause](pause_s).
     pub breaks: Vec<usize>,
-    /// The times as they stand in the file (s), where `time` was reconstructed from them.
+    /// The times as in the file (s), where `time` was reconstructed from them.
     pub stamps: Option<Vec<f64>>,
-    /// Where the samples stand in the file.
+    /// Where the samples are in the file.
     pub lines: Lines,
     /// What was left out of the file or changed, and is in no warning.
     pub left_out: Vec<LeftOut>,
-    /// Samples that are not believed; a straight line stands in their place.
+    /// Samples that are not believed; a straight line replaces them.
     pub removed: Vec<Removed>,
-    /// What the angle is, where it is none.
+    /// What the output is, where it is not an angle.
     pub measurand: Measurand,
 }
 
@@ -213,7 +213,7 @@ impl Meta {
     }
 }
 
-/// A date may stand in quotes, as `softrig record` writes it, or as TOML's own.
+/// A date may be in quotes, as `softrig record` writes it, or as TOML's own.
 fn text_or_date<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
     Ok(match toml::Value::deserialize(from)? {
         toml::Value::String(text) => Some(text),
@@ -223,10 +223,9 @@ fn text_or_date<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Stri
 }
 
 impl Recording {
-    /// Reads and checks a recording whose columns hold what their header says.
-    /// Warnings ask about what may be meant but is unusual: units, gaps, a last
-    /// line without an end. What was left out is not among them: it stands in
-    /// [`Recording::left_out`], and [`Recording::remarks`] has both.
+    /// Reads and checks a recording whose columns hold what their header says. Warnings ask about
+    /// what may be meant but is unusual: units, gaps, a last line without an end. What was left out
+    /// is not among them: it is in [`Recording::left_out`], and [`Recording::remarks`] has both.
     ///
     /// # Errors
     ///
@@ -413,7 +412,7 @@ impl Recording {
         let about = meta_beside(&self.path);
         let about = about.display();
         match (self.meta.complete, self.meta.samples) {
-            // Of these older versions said that they had no rows.
+            // Older versions said of these that they had no rows.
             (Some(false), _) => Some(format!(
                 "{path}: is incomplete: according to {about} it ended before its protocol or its time; its {} rows are used",
                 self.len()
@@ -520,7 +519,7 @@ impl Recording {
     }
 
     /// Takes samples of a channel out: the recorded values are kept in [`Recording::removed`], and
-    /// a straight line stands in their place.
+    /// a straight line replaces them.
     pub fn remove(&mut self, channel: Channel, samples: Vec<(Range<usize>, Why)>) {
         if samples.is_empty() {
             return;
@@ -590,7 +589,7 @@ impl Recording {
             .collect()
     }
 
-    /// Where a sample stands in the file: `line 123`, or `sample 123` in a format without lines.
+    /// Where a sample is in the file: `line 123`, or `sample 123` in a format without lines.
     pub fn place(&self, sample: usize) -> String {
         self.lines.place(sample)
     }
@@ -628,8 +627,8 @@ impl Recording {
     }
 }
 
-/// What `softrig record` leaves beside a recording and is none: the end of its name, and what it is. A
-/// shell's `*.csv` finds them too.
+/// Files that `softrig record` leaves beside a recording and that are not recordings: the end of
+/// the name, and what it is. A shell's `*.csv` finds them too.
 const SIDE_FILES: [(&str, &str); 2] = [
     (
         FAULTY_ENDING,
@@ -679,8 +678,8 @@ pub fn recordings_among(
     Ok(recordings.cloned().collect())
 }
 
-/// Reads several recordings, all with the same layout, and passes on what was left out of them
-/// and their warnings; what only stands [beside](recordings_among) recordings is left out.
+/// Reads several recordings, all with the same layout, and passes on what was left out of them and
+/// their warnings; what is only [beside](recordings_among) recordings is left out.
 ///
 /// # Errors
 ///
@@ -781,7 +780,7 @@ const ENDINGS: [&str; 8] = [
     ".csv", ".tsv", ".txt", ".parquet", ".mat", ".mcap", ".tdms", ".db3",
 ];
 
-/// The name of a recording: that of its file without folder and ending.
+/// The name of a recording: its file's name without folder and ending.
 pub fn stem(path: &Path) -> String {
     let name = path
         .file_name()
@@ -797,7 +796,7 @@ pub fn stem(path: &Path) -> String {
 /// The ending of the file with the metadata of a recording.
 pub const META_ENDING: &str = ".meta.toml";
 
-/// Where the metadata of a recording stand.
+/// Where the metadata of a recording are.
 pub fn meta_beside(path: &Path) -> PathBuf {
     path.with_file_name(format!("{}{META_ENDING}", stem(path)))
 }

@@ -1,8 +1,8 @@
 //! Samples of a channel that are not believed.
 //!
 //! They keep their place in a recording, so that its rows stay those of its file: the recorded
-//! value is kept here, and a straight line between the neighbours stands in its place. An angle
-//! that was removed is not fitted; a pressure is bridged.
+//! value is kept here, and a straight line between the neighbours replaces it. An angle that was
+//! removed is not fitted; a pressure is bridged.
 
 use std::fmt;
 use std::ops::Range;

@@ -313,8 +313,8 @@ pub fn shown(key: Key, bits: u32) -> String {
         )
 }
 
-/// The unit of a setting of a board that has `settings`: that of an effect's parameter is
-/// its effect's. Without an effect in the slot there is none.
+/// The unit of a setting of a board that has `settings`: a parameter of an effect has the unit of
+/// that effect. Without an effect in the slot there is none.
 pub fn unit(settings: &Settings, key: Key) -> &'static str {
     let kind = |slot| {
         let id = settings.bits(Key::EffectKind { slot })?;

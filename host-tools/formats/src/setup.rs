@@ -1,10 +1,9 @@
 //! How the rig stood while a recording was made: `[setup]` of its metadata.
 //!
-//! A static curve cannot be split into a weight, an exponent and a linear spring by any
-//! pressure. A person would turn the rig over, hang a weight on it, or wait an hour. What was
-//! changed stands with the recording, and the model of that session is changed with it: see
-//! `Session::placed` of the library. Keys that are missing are unknown, and the same for all
-//! recordings of a sitting.
+//! A static curve cannot be split into a weight, an exponent and a linear spring by any pressure. A
+//! person would turn the rig over, hang a weight on it, or wait an hour. What was changed is said
+//! beside the recording, and the model of that session is changed with it: see `Session::placed` of
+//! the library. Keys that are missing are unknown, and the same for all recordings of a sitting.
 
 use std::fmt::{self, Write as _};
 use std::ops::RangeInclusive;
@@ -50,7 +49,7 @@ pub enum NewPart {
     Sensor,
 }
 
-/// What is done to turn the base by so much (°).
+/// What is done to turn the base by an angle (°).
 fn turn(tilt_deg: f64) -> String {
     let direction = if tilt_deg < 0.0 { "against" } else { "in" };
     format!(
@@ -72,7 +71,7 @@ pub(crate) const NUMBERS: [Bounded; 5] = [
 ];
 
 impl Setup {
-    /// The advice where a key is none.
+    /// The advice for an unknown key.
     pub(crate) const KNOWN: &str = "known are tilt_deg, tip_load_g, tube_mm, temperature_c, \
         rested_s, and new_part, which is actuator or sensor";
 
@@ -209,7 +208,7 @@ impl FromStr for Setup {
                 )
             })?;
             let value = value.trim();
-            // A word stands in quotation marks in a file.
+            // A word is in quotation marks in a file.
             let quote = if value.parse::<f64>().is_ok() {
                 ""
             } else {

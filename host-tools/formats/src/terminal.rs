@@ -74,7 +74,7 @@ pub fn print_own(text: &str) -> std::io::Result<()> {
 
 /// Says something where it does not mix with results.
 pub fn remark(text: &str) {
-    // Nobody is left to be told that nobody listens.
+    // A closed standard error leaves nowhere to report that it is closed.
     let _ = writeln!(std::io::stderr().lock(), "{}", printable(text));
 }
 

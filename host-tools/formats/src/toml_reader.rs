@@ -110,8 +110,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Refuses keys that nobody reads: most are slips of the keyboard. `place` is the section in
-    /// messages.
+    /// Refuses unknown keys: most are typing errors. `place` is the section in messages.
     pub(crate) fn known_keys(
         &self,
         table: &Table,

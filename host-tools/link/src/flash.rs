@@ -1,10 +1,5 @@
 //! Writing an image into a board: STK500 version 2, as the Mega's bootloader speaks it.
 //!
-//! ```text
-//! request, answer:  1b  sequence  length (2, big-endian)  0e  body  xor of all before
-//! body:             command, then parameters or a status (00 good)
-//! ```
-//!
 //! Opening the port resets the board, and its bootloader listens for a second. Each page is
 //! addressed anew, so that one whose answer was lost can be sent again. Nothing is read back: the
 //! board computes the checksum of its flash at its next start and says it, which is compared with
@@ -407,6 +402,11 @@ fn xor(bytes: &[u8]) -> u8 {
 }
 
 /// Puts a body into a frame.
+///
+/// ```text
+/// request, answer:  1b  sequence  length (2, big-endian)  0e  body  xor of all before
+/// body:             command, then parameters or a status (00 good)
+/// ```
 fn seal(sequence: u8, body: &[u8]) -> Vec<u8> {
     let [high, low] = u16::try_from(body.len()).unwrap_or(u16::MAX).to_be_bytes();
     let mut frame = vec![START, sequence, high, low, TOKEN];

@@ -2,9 +2,7 @@
 //!
 //! The board stops when it receives nothing for a while, by its own clock. A separate thread
 //! sends the heartbeats. It reads nothing and writes to no disk and no terminal, so none of
-//! these can block it, and it asks the system for priority over ordinary programs. A simulated
-//! board's clock can run many times faster than ours, so a beat is due whenever telemetry shows
-//! that the board's time has advanced, and at the latest after a time on our clock.
+//! these can block it, and it asks the system for priority over ordinary programs.
 //!
 //! Beats show that the program is alive, not just this thread: they stop when the link has not
 //! been used for a while. They also stop when the board is silent, since every byte keeps a
@@ -233,6 +231,10 @@ impl Seen {
 }
 
 /// When to tell an armed board that we are alive, and how well that went.
+///
+/// A simulated board's clock can run many times faster than ours, so a beat is due whenever
+/// telemetry shows that the board's time has advanced, and at the latest after a time on our
+/// clock.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pulse {
     armed: bool,

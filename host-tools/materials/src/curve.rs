@@ -1,24 +1,10 @@
 //! Tensile curves from files.
 //!
-//! Tensile tests come as exports of many machines. Two layouts are read: that of
-//! the Soft Robotics Materials Database (a dozen lines about the test, then a
-//! line that starts with `Time (s)`) and a plain table whose first line names its
-//! columns. How a table is written (delimiter, decimal sign, encoding) is found
-//! out as for a recording, by [`softrig_formats::table`]. Anything else is refused
-//! with the file, the line and the column, since a misread curve would still give
-//! an exponent.
-//!
-//! | column | accepted names |
-//! |---|---|
-//! | strain | `strain`, `engineering strain`, `true strain`; with `%` or `percent` for percent |
-//! | stress | `stress`, `engineering stress`, `true stress`, with `MPa`, `kPa`, `Pa` or `N/mm2` |
-//! | time | `time`; checked, not used |
-//!
-//! Case, spaces and punctuation in a name do not matter; a name without a
-//! measure means engineering, and a unit may stand in a row beneath the names instead
-//! of in them. A missing measure is derived, with ε the
-//! engineering strain: true strain = ln(1 + ε), true stress = (1 + ε) ·
-//! engineering stress.
+//! Tensile tests come as exports of many machines. Two layouts are read: that of the Soft Robotics
+//! Materials Database (a dozen lines about the test, then a line that starts with `Time (s)`) and a
+//! plain table whose first line names its columns. How a table is written (delimiter, decimal sign,
+//! encoding) is found out as for a recording, by [`softrig_formats::table`]. Anything else is refused
+//! with the file, the line and the column, since a misread curve would still give an exponent.
 
 use std::path::{Path, PathBuf};
 
@@ -53,6 +39,9 @@ pub enum Measure {
 }
 
 /// One sample of a tensile test in both measures.
+///
+/// A measure that the file does not have is derived, with ε the engineering strain:
+/// true strain = ln(1 + ε), true stress = (1 + ε) · engineering stress.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     engineering_strain: f64,
@@ -80,6 +69,15 @@ impl Sample {
 }
 
 /// A tensile test.
+///
+/// | column | accepted names |
+/// |---|---|
+/// | strain | `strain`, `engineering strain`, `true strain`; with `%` or `percent` for percent |
+/// | stress | `stress`, `engineering stress`, `true stress`, with `MPa`, `kPa`, `Pa` or `N/mm2` |
+/// | time | `time`; checked, not used |
+///
+/// Case, spaces and punctuation in a name do not matter; a name without a measure means
+/// engineering, and a unit may be in a row beneath the names instead of in them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TensileCurve {
     /// Where it was read.

@@ -1,16 +1,10 @@
 //! Ludwick's law fitted to a tensile curve.
 //!
-//! The paper's exponents come out of the public tensile curves only when the
-//! true stress is plotted against the engineering strain, the modulus is held at
-//! its table value, and the misfit is measured in strain (largest strain 6).
-//! Consistent measures miss the ten exponents by 0.83 (root mean square) or more,
-//! whatever the range, the residual and the modulus (`tests/tests/materials.rs`).
-//! So none of these choices is made silently: [`Choice`] lists them, and the
-//! default is a consistent pair.
-//!
-//! Engineering stress against engineering strain is that default because the
-//! beam of [`model_core::ludwick`] integrates the stress over the undeformed
-//! section with ε = κy, which are exactly those two measures.
+//! The paper's exponents come out of the public tensile curves only when the true stress is plotted
+//! against the engineering strain, the modulus is held at its table value, and the misfit is
+//! measured in strain (largest strain 6). Consistent measures miss the ten exponents by 0.83 (root
+//! mean square) or more, whatever the range, the residual and the modulus
+//! (`tests/tests/materials.rs`). So none of these choices is made silently: [`Choice`] lists them.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
@@ -81,6 +75,9 @@ pub struct Choice {
 }
 
 impl Default for Choice {
+    /// A consistent pair: engineering stress against engineering strain, because the beam of
+    /// [`model_core::ludwick`] integrates the stress over the undeformed section with ε = κy, which
+    /// are exactly those two measures.
     fn default() -> Self {
         Self {
             stress: Measure::Engineering,

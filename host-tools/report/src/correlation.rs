@@ -1,19 +1,8 @@
 //! Residual analysis: is the residual white, and is it correlated with the input?
 //!
-//! A residual ε that is correlated with itself contains something that a model could
-//! predict. One that is correlated with earlier inputs u shows missing dynamics (Ljung,
-//! System Identification, 2nd edition, §16.6). The estimates are
-//!
-//! ```text
-//! ρ_ε(τ)  = Σ ε(t) ε(t−τ) / Σ ε²(t)
-//! ρ_εu(τ) = Σ ε(t) u(t−τ) / √(Σ ε²(t) · Σ u²(t))
-//! ```
-//!
-//! over all runs together, with the mean of the input subtracted. The mean of the
-//! residual stays: an offset is no noise. For N samples of white noise, 95 % of the
-//! autocorrelations lie within ±1.96/√N. The standard deviation of the cross-correlation
-//! is √(P/N) with P = Σ ρ_ε(k) ρ_u(k), since slow inputs and slow residuals correlate by
-//! chance.
+//! A residual that is correlated with itself contains something that a model could predict. One
+//! that is correlated with earlier inputs shows missing dynamics (Ljung, System Identification,
+//! 2nd edition, §16.6).
 
 use softrig::statistics::mean;
 
@@ -135,6 +124,20 @@ impl Correlation {
 }
 
 /// Correlations of a residual.
+///
+/// Of the residual ε and the input u they are
+///
+/// ```text
+/// ρ_ε(τ)  = Σ ε(t) ε(t−τ) / Σ ε²(t)
+/// ρ_εu(τ) = Σ ε(t) u(t−τ) / √(Σ ε²(t) · Σ u²(t))
+/// ```
+///
+/// over all runs together, with the mean of the input subtracted. The mean of the residual stays:
+/// an offset is no noise.
+///
+/// For N samples of white noise, 95 % of the autocorrelations lie within ±1.96/√N. The standard
+/// deviation of the cross-correlation is √(P/N) with P = Σ ρ_ε(k) ρ_u(k), since slow inputs and slow
+/// residuals correlate by chance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Correlations {
     /// Autocorrelation of the residual, from lag zero.

@@ -1,17 +1,8 @@
 //! Simulation, estimation and diagnosis of soft pneumatic actuators.
 //!
 //! Recordings and models come from `softrig_formats`, in SI; the physics is `model_core`'s.
-//!
-//! - [`sim`] simulates a model over a pressure or a protocol.
-//! - [`estimate`] fits a model to recordings.
-//! - [`diagnose`] names the effect that a model lacks.
-//! - [`first_model`] makes a model from recordings alone.
-//! - [`board_gap`] and [`comparison`] measure a model that is given.
-//! - [`prediction`] reads the angles of somebody else's simulation.
-//! - [`linear`] is a model for small motions about a rest.
-//! - [`synth`] makes recordings with a known answer.
-//! - [`statistics`] holds what several of these count by.
-//! - [`portable`] is why the same recordings have the same verdict on every computer.
+//! [`estimate`] fits a model to recordings, [`diagnose`] names the effect that a model lacks, and
+//! [`first_model`] makes a model from recordings alone.
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.
 #![allow(rustdoc::private_intra_doc_links)]

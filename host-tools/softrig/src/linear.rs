@@ -1,16 +1,9 @@
 //! A model for small motions about a rest: what controllers are designed with.
 //!
-//! At a rest θ₀ under the pressure that holds it, a small change of the pressure moves the reading
-//! of the angle sensor as a linear system does:
-//!
-//! ```text
-//! x' = A x + B p,   y = C x,   x = (θ − θ₀, θ', hidden states of the effects)
-//! G(s) = C (s I − A)⁻¹ B e^(−s·delay)
-//! ```
-//!
-//! A, B and C are derivatives of the model's own equations by dual numbers. A friction or a play
-//! has no slope: motions smaller than it do not happen at all. Such effects are left out and
-//! named, so that the system holds for motions which are large beside them.
+//! At a rest θ₀ under the pressure that holds it, a small change of the pressure moves the reading of
+//! the angle sensor as a linear system does. A friction or a play has no slope: motions smaller than
+//! it do not happen at all. Such effects are left out and named, so that the system holds for
+//! motions which are large beside them.
 
 use model_core::actuator::{MAX_EFFECTS, Model, State};
 use model_core::catalogue::{Effect, Kind};
@@ -40,6 +33,13 @@ pub enum NotLinear {
 }
 
 /// A model for small motions about a rest.
+///
+/// ```text
+/// x' = A x + B p,   y = C x,   x = (θ − θ₀, θ', hidden states of the effects)
+/// G(s) = C (s I − A)⁻¹ B e^(−s·delay)
+/// ```
+///
+/// A, B and C are derivatives of the model's own equations by dual numbers.
 #[derive(Clone, Debug)]
 pub struct Linear {
     /// The angle of the rest (rad).

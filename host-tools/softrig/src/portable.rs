@@ -1,15 +1,12 @@
 //! The same recordings have the same verdict on every computer.
 //!
 //! A fit that is ill-conditioned makes a percent out of a last bit, and a close decision another
-//! verdict. So no number of a verdict depends on who computes it:
-//!
-//! - Powers, exponentials, sines are those of the crate `libm`. A platform's own differ in their
-//!   last bits, and Clippy refuses them here (`clippy.toml`).
-//! - Larger matrices are multiplied by [`product`].
-//! - Parallel work is put together in the order of the work, never in that of its ending.
-//!
-//! What is left are the distributions of `statrs` and the tails of normal numbers that are drawn,
-//! which use the platform's logarithms and which no fit follows, and the poles of [`crate::linear`].
+//! verdict. So no number of a verdict depends on who computes it: powers, exponentials and sines are
+//! those of the crate `libm` (Clippy refuses a platform's own, `clippy.toml`), larger matrices are
+//! multiplied by [`product`], and parallel work is put together in the order of the work, never in
+//! that of its ending. What is left are the distributions of `statrs` and the tails of normal numbers
+//! that are drawn, which use the platform's logarithms and which no fit follows, and the poles of
+//! [`crate::linear`].
 
 use nalgebra::{DMatrix, Dyn, Matrix, Storage};
 

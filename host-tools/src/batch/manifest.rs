@@ -6,11 +6,7 @@
 //! finger_02,models/finger.toml,data/02a.csv,data/02b.csv
 //! ```
 //!
-//! Several files are separated by `;`. Paths are relative to the manifest. The column
-//! `holdout` is optional. The optional columns `columns` and `units` hold for one case, like
-//! `--columns` and `--units` on the command line, and `setup` says how the rig stood, like
-//! `--setup` of `softrig record`, as far as the recordings' metadata do not. Further columns are
-//! ignored.
+//! A list may have millions of rows: it is checked once, and then read row by row.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -186,6 +182,11 @@ pub struct Manifest<R> {
 }
 
 /// Opens a manifest, and reads it once to check every row.
+///
+/// Several files are separated by `;`. Paths are relative to the manifest. The column `holdout` is
+/// optional. The optional columns `columns` and `units` hold for one case, like `--columns` and
+/// `--units` on the command line, and `setup` says how the rig stood, like `--setup` of
+/// `softrig record`, as far as the recordings' metadata do not. Further columns are ignored.
 ///
 /// # Errors
 ///

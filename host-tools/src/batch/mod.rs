@@ -4,15 +4,6 @@
 //! its own and shares nothing else, so cases may run one after the other, as an array of
 //! jobs on a cluster, or in any order, and may be stopped at any time. A case with results of
 //! the same inputs is skipped.
-//!
-//! ```text
-//! OUT/CASE/verdict.json     as of --json
-//! OUT/CASE/repaired.toml    as of -o
-//! OUT/CASE/warnings.txt     warnings of the diagnosis, if any
-//! OUT/CASE/inputs.sha256    hashes of the inputs and results, as `sha256sum` writes them; last
-//! OUT/CASE/error.txt        instead of them, if a case could not be diagnosed
-//! OUT/results.parquet       one row per case
-//! ```
 
 pub mod manifest;
 pub mod results;
@@ -36,6 +27,15 @@ use softrig_formats::recording::{check_distinct, read_all};
 use softrig_report::provenance::{Provenance, sha256};
 
 /// Where the results of one case are.
+///
+/// ```text
+/// OUT/CASE/verdict.json     as of --json
+/// OUT/CASE/repaired.toml    as of -o
+/// OUT/CASE/warnings.txt     warnings of the diagnosis, if any
+/// OUT/CASE/inputs.sha256    hashes of the inputs and results, as `sha256sum` writes them; last
+/// OUT/CASE/error.txt        instead of them, if a case could not be diagnosed
+/// OUT/results.parquet       one row per case
+/// ```
 #[derive(Clone, Debug)]
 pub struct Folder(PathBuf);
 

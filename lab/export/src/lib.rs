@@ -1,14 +1,13 @@
 //! Models as files of other languages: `softrig export`.
 //!
-//! An exported model can be used in a controller, in Simulink, in OpenModelica or in the
-//! supplement of a paper. It needs nothing from this repository and gives the results of
-//! `softrig simulate`.
+//! An exported model can be used in a controller, in Simulink, in OpenModelica or in the supplement
+//! of a paper. It needs nothing from this repository and gives the results of `softrig simulate`.
 //!
-//! The physics is not written again. [`trace`] runs `model-core` itself on a scalar that
-//! records the computation, [`physics`] collects the expressions of a model, and
-//! [`print`](mod@print) prints them in the syntax of a language. The integrator is a template for
-//! each language, with the constants of [`softrig::sim::simulate`]; tests compare the results of C,
-//! Python and MATLAB. A functional mock-up unit is the C file behind another interface.
+//! The physics is not written again. [`trace`] runs `model-core` itself on a scalar that records the
+//! computation, [`physics`] collects the expressions of a model, and [`print`](mod@print) prints them
+//! in the syntax of a language. The integrator is a template for each language, with the constants of
+//! [`softrig::sim::simulate`]; tests compare the results of C, Python and MATLAB. A functional mock-up
+//! unit is the C file behind another interface.
 
 #![forbid(unsafe_code)]
 // A room's first page names its modules, also those that no other crate sees.

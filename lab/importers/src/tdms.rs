@@ -2,14 +2,7 @@
 //!
 //! A file is a list of segments. Each has the channels that it changes, and their raw values: one
 //! channel after the other or, interleaved, one value of each in turn, in either order of bytes.
-//! The source is National Instruments' "TDMS File Format Internal Structure". Numbers, time stamps
-//! and texts are read; raw values of DAQmx and values with a scale that is still to be applied are
-//! refused with the line that converts them.
-//!
-//! A channel is called by its name, `GROUP/CHANNEL` where two groups have it. If no channel is the
-//! time, the waveform's own counts: `wf_start_offset` and `wf_increment` of the pressure, which
-//! have to be those of the angle. Time stamps are seconds since 1970. A unit in `unit_string` is
-//! that of the channel.
+//! The source is National Instruments' "TDMS File Format Internal Structure".
 //!
 //! This reader exists because there is no library that is kept up and reads interleaved and
 //! big-endian values from memory: docs/decisions/0076.
@@ -59,6 +52,14 @@ const MOST_CHANNELS: usize = 10_000;
 pub(crate) const CONVERT: &str = "convert it: python3 -c \"from nptdms import TdmsFile; TdmsFile.read('FILE').as_dataframe().to_csv('run.csv', index=False)\"";
 
 /// Reads a TDMS file.
+///
+/// Numbers, time stamps and texts are read; raw values of DAQmx and values with a scale that is
+/// still to be applied are refused with the line that converts them.
+///
+/// A channel is called by its name, `GROUP/CHANNEL` where two groups have it. If no channel is the
+/// time, the waveform's own counts: `wf_start_offset` and `wf_increment` of the pressure, which have
+/// to be those of the angle. Time stamps are seconds since 1970. A unit in `unit_string` is that of
+/// the channel.
 ///
 /// # Errors
 ///

@@ -2,18 +2,10 @@
 //!
 //! Topics take the place of columns: `pressure=/rig/pressure.data` is the field `data` of the
 //! messages on `/rig/pressure`, and `/joint_states.position[0]` the first of an array. JSON and ROS 2
-//! (CDR) messages are read. The times of a topic are the log times of its messages, from the first
-//! sample on.
+//! (CDR) messages are read.
 //!
-//! A message like JointState names the values of its arrays, in any order: `position[0]` is the
-//! joint that comes first in the first message, by its name from then on, and `position[finger]` the
-//! one that is called so.
-//!
-//! Separate topics are not sampled together, so there is one row per angle. The pressure is
-//! interpolated between the two messages around it, since a held pressure would lag by half an
-//! interval and shift every time constant. Set-points and states are held, since they jump.
-//! Where the pressure is missing for longer than a few of its intervals, or has not begun, there
-//! are no rows.
+//! Separate topics are not sampled together, so there is one row per angle, and the others are taken
+//! to its times ([`Topics::sheet`]).
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -220,6 +212,12 @@ impl Topics {
 
     /// The columns of any log, at the times of the angle.
     ///
+    /// The times of a topic are the log times of its messages, from the first sample on. The pressure is
+    /// interpolated between the two messages around an angle, since a held pressure would lag by half an
+    /// interval and shift every time constant. Set-points and states are held, since they jump. Where
+    /// the pressure is missing for longer than a few of its intervals, or has not begun, there are no
+    /// rows.
+    ///
     /// # Errors
     ///
     /// Names the topics that there are.
@@ -343,6 +341,10 @@ fn path_in(topic: &str, called: &str) -> Option<Vec<String>> {
 
 impl Source {
     /// Whether it is a value of an array that has names beside it.
+    ///
+    /// A message like JointState names the values of its arrays, in any order: `position[0]` is the
+    /// joint that comes first in the first message, by its name from then on, and `position[finger]` the
+    /// one that is called so.
     fn is_named(&self) -> bool {
         let [.., array, _] = self.path.as_slice() else {
             return false;

@@ -1,30 +1,11 @@
 //! Bouc–Wen hysteresis: Q = a w, D ẇ = ω − ½|ω|w − B ω|w|.
 //!
-//! a (N) is the scale of the force, D (rad) the way over which it builds up, w
-//! the share of the loop, B (dimensionless) its shape, ω the angular rate
-//! (rad/s). Bouc (1967) and Wen (J. Eng. Mech. 102, 1976), with exponent 1,
-//! β = ½ and γ = B. β is no parameter: a, D and β scale each other.
-//!
-//! Along the way, with w > 0, loading has the slope D dw/dθ = 1 − (½ + B)w and
-//! unloading 1 + (½ − B)w. So
-//!
-//! - for B > −½ loading ends at w = 1/(½ + B): the largest force is a/(½ + B),
-//!   which is a itself for B = ½;
-//! - for B = ½ it loads along 1 − e^(−θ/D) and unloads along a straight line of
-//!   slope 1/D; for smaller B unloading is steeper than that, for larger B it
-//!   bends the other way and the loop is thin;
-//! - for B ≤ −½ loading does not end: it goes on along a straight line (B = −½)
-//!   or stiffens, and nothing but the range of the angle bounds the force.
-//!
-//! Unloading is steeper than loading for every B, so a closed loop takes energy.
 //! Every term has one factor of ω, so the loop depends on the way and not on the
-//! speed; below D it is a spring a/D.
+//! speed; below D it is a spring a/D. Unloading is steeper than loading for every
+//! B, so a closed loop takes energy.
 //!
-//! ẇ has corners at ω = 0 and w = 0. w is stiff where D is small: its rate is
-//! |ω|/D. A run starts with w = 0, as if the actuator had been worked loose. A
-//! piece that was cut out of a longer run starts on its loop, at
-//! w = tanh((½ + B) x/D)/(½ + B), with the way x from where w was zero: nearly
-//! the loading curve, and smooth, since x has to be estimated.
+//! Bouc (1967) and Wen (J. Eng. Mech. 102, 1976), with exponent 1, β = ½ and
+//! γ = B. β is no parameter: a, D and β scale each other.
 
 use super::{
     Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Rest, State, Unit, parameters,
@@ -67,6 +48,19 @@ pub const INFO: Info = Info {
 
 parameters! {
     /// Bouc–Wen hysteresis.
+    ///
+    /// w is the share of the loop, ω the angular rate (rad/s). Along the way, with w > 0, loading
+    /// has the slope D dw/dθ = 1 − (½ + B)w and unloading 1 + (½ − B)w. So
+    ///
+    /// - for B > −½ loading ends at w = 1/(½ + B): the largest force is a/(½ + B), which is a
+    ///   itself for B = ½;
+    /// - for B = ½ it loads along 1 − e^(−θ/D) and unloads along a straight line of slope 1/D; for
+    ///   smaller B unloading is steeper than that, for larger B it bends the other way and the loop
+    ///   is thin;
+    /// - for B ≤ −½ loading does not end: it goes on along a straight line (B = −½) or stiffens,
+    ///   and nothing but the range of the angle bounds the force.
+    ///
+    /// ẇ has corners at ω = 0 and w = 0. w is stiff where D is small: its rate is |ω|/D.
     BoucWenHysteresis {
         /// Force a of the loop (N); the largest is a/(½ + B).
         force: Parameter {
@@ -91,7 +85,7 @@ parameters! {
             default: None,
             starts: &[0.03, 0.2],
         },
-        /// Shape B of the loop, Wen's γ beside β = ½.
+        /// Shape B of the loop (dimensionless), Wen's γ beside β = ½.
         shape: Parameter {
             key: "shape",
             symbol: "B",
@@ -118,6 +112,9 @@ impl<R: Real> Mechanism<R> for BoucWenHysteresis<R> {
         true
     }
 
+    /// A run starts with w = 0, as if the actuator had been worked loose. A piece that was cut out
+    /// of a longer run starts on its loop, at w = tanh((½ + B) x/D)/(½ + B), with the way x from
+    /// where w was zero: nearly the loading curve, and smooth, since x has to be estimated.
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
         let way = (rest.start - rest.angle) / self.yield_angle;
         [(self.end() * way).tanh() / self.end(), R::zero()]

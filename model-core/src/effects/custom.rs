@@ -1,21 +1,12 @@
 //! Custom: Q = f(θ, ω, p, t, z), ż = (g(θ, ω, p, t) − z)/τ, formulas that a user writes.
 //!
-//! z is a memory, of which there are none, one or two: after a long rest it is what it follows, and
-//! it never runs away from that.
+//! Nobody can list all the forces that act on an actuator. This effect is text in a file; the
+//! desktop compiles it to a [`Program`], which runs in any [`Real`]: in `f64` for simulations
+//! and on numbers with derivatives for fits.
 //!
-//! Nobody can list all the forces that act on an actuator. This effect is given as
-//! text in a file; the desktop compiles it to a [`Program`], a flat list of
-//! instructions over numbered results, which runs in any [`Real`]: in `f64` for
-//! simulations and on numbers with derivatives for fits.
-//!
-//! For the desktop alone, behind the feature `desktop`: the firmware is built
-//! without it, has no room for programs, and is refused a model that has one
-//! ([`crate::prepared::Unsteppable::Formula`]). A [`crate::effects::table`] of the
-//! same force runs there.
-//!
-//! A model is copied freely, and so is an [`crate::catalogue::Effect`]. So a
-//! [`Definition`] is made once for each formula that is read and lives as long as
-//! the program that read it; what is copied is a reference and the parameters.
+//! For the desktop alone, behind the feature `desktop`: the firmware has no room for programs
+//! and is refused a model that has one ([`crate::prepared::Unsteppable::Formula`]). A
+//! [`crate::effects::table`] of the same force runs there.
 
 use core::cmp::Ordering;
 use core::fmt;
@@ -33,7 +24,7 @@ use crate::real::Real;
 /// The most parameters of a formula. Every slot of a model has room for them.
 pub const MAX_PARAMETERS: usize = 6;
 
-/// The most memories of a formula: an effect has room for so many hidden states.
+/// The most memories of a formula: an effect has room for as many hidden states.
 pub const MAX_MEMORIES: usize = 2;
 
 /// The most results that a program keeps at once.
@@ -184,6 +175,8 @@ pub enum Instruction {
 }
 
 /// A formula, compiled. It always ends, and reads only what it has written.
+///
+/// A flat list of instructions over numbered results.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Program<'p> {
     instructions: &'p [Instruction],
@@ -193,9 +186,8 @@ pub struct Program<'p> {
 }
 
 impl<'p> Program<'p> {
-    /// Creates a program after checking that it reads none of its results before
-    /// it is there, and no parameter beyond `parameters` or memory beyond `memories`; none if
-    /// it does.
+    /// Creates a program after checking that it reads each result only after it is written, and no
+    /// parameter beyond `parameters` or memory beyond `memories`; none otherwise.
     pub fn new(
         instructions: &'p [Instruction],
         result: Operand,
@@ -302,6 +294,8 @@ fn value_at<R: Real>(values: &[R], index: u8) -> R {
 }
 
 /// A memory z: ż = (g − z)/τ.
+///
+/// After a long rest it is what it follows, and it never runs away from that.
 #[derive(Clone, Copy, Debug)]
 pub struct Memory {
     /// What it follows, g(θ, ω, p, t).
@@ -320,6 +314,10 @@ pub enum Origin {
 }
 
 /// What a user wrote, compiled.
+///
+/// A model is copied freely, and so is an [`crate::catalogue::Effect`]. So one definition is made
+/// for each formula that is read, and it lives as long as the program that read it; what is
+/// copied is a reference and the parameters.
 #[derive(Debug)]
 pub struct Definition {
     /// Its name, and what is said of it.

@@ -1,18 +1,12 @@
 //! Gravity: Q = G [sin(κθ + θ₀ + φ) − sin θ₀].
 //!
-//! G (N) is the generalised weight (mass × g × lever over the length that
-//! makes the force generalised), θ₀ (rad) the tilt of the base: 0 hangs down,
-//! π upside down (the same as a negative G). The constant sin θ₀ is taken off
-//! because the angle is zeroed at rest with the weight already on.
+//! G (N) is the generalised weight (mass × g × lever over the length that makes the force
+//! generalised), θ₀ (rad) the tilt of the base: 0 hangs down, π upside down (the same as a
+//! negative G). The constant sin θ₀ is taken off because the angle is zeroed at rest with the
+//! weight already on.
 //!
-//! φ (rad) is by how much the base has been turned since: it belongs to a session and not to
-//! the actuator, and a session's metadata (`[setup] tilt_deg`) say it. Nothing but a weight
-//! changes when a rig is turned, so that two sessions tell it from every curve of a spring.
-//!
-//! κ is by which share of the bending angle the weight turns. On a rigid arm at a joint it is 1.
-//! Along an actuator that bends with constant curvature the weight at the share u of its length
-//! turns by uθ with the lever 1 − u, so that Q = W ∫₀¹ u (1 − u) sin(uθ + α) du, which is within
-//! θ²/40 of (W/6) sin(θ/2 + α): κ = ½ ([`BENDING`]). For a weight at its tip it is 2/3.
+//! Nothing but a weight changes when a rig is turned by φ, so two sessions tell it from every
+//! curve of a spring.
 
 use super::table::Variable;
 use super::{Change, Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
@@ -24,6 +18,11 @@ use crate::part::{Base, Part, Phases, Preparation, Step};
 use crate::real::Real;
 
 /// κ of an actuator that bends under its own weight.
+///
+/// On a rigid arm at a joint κ is 1. Along an actuator that bends with constant curvature the
+/// weight at the share u of its length turns by uθ with the lever 1 − u, so that
+/// Q = W ∫₀¹ u (1 − u) sin(uθ + α) du, which is within θ²/40 of (W/6) sin(θ/2 + α): κ = ½. For a
+/// weight at its tip κ is 2/3.
 pub const BENDING: f32 = 0.5;
 
 /// What the catalogue says about it.
@@ -74,6 +73,9 @@ parameters! {
             starts: &[-1.5, 1.5],
         },
         /// Turn φ of the base since the angle was zeroed (rad).
+        ///
+        /// It belongs to a session and not to the actuator; a session's metadata (`[setup] tilt_deg`)
+        /// give it.
         turned: Parameter {
             key: "turned_rad",
             symbol: "φ",

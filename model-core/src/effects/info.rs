@@ -1,6 +1,6 @@
-//! What is known about an effect besides its equation: all that files, fits, the diagnosis,
-//! exports and reports have to know of it. There are no defaults, so that nobody who adds an effect
-//! forgets one.
+//! What is known about an effect besides its equation: all that files, fits, the diagnosis, exports
+//! and reports have to know of it. There are no defaults, so that a new effect cannot leave one
+//! out.
 
 use core::fmt;
 
@@ -29,8 +29,8 @@ pub struct Info {
     /// What recordings have to show before it can be known, beside a pressure that changes where
     /// it acts on that.
     pub needs: &'static [Need],
-    /// The variable of which its force is a function; none for an effect with a memory, or of
-    /// several variables.
+    /// The one variable that its force depends on; none for an effect with a memory, or of several
+    /// variables.
     pub own_variable: Option<Variable>,
     /// The effect that it becomes at an end of its parameters: with no extra force at rest, with
     /// equal time constants, with a yield angle or a relaxation that vanishes.
@@ -41,7 +41,7 @@ pub struct Info {
     pub imitates: &'static [Kind],
     /// How the rig is changed to tell it from others.
     pub told_by: &'static [Change],
-    /// When a fit of it is no name, however good it is.
+    /// When a fit of it must not be named, however good it is.
     pub doubtful: &'static [Doubtful],
     /// Whether it has a slope at rest, so that a linear model can contain it: friction and play
     /// have none.
@@ -83,7 +83,7 @@ pub enum Change {
     Rested,
 }
 
-/// When a fit is no name.
+/// When a fit must not be named.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubtful {
     /// No session loads the actuator a second time: a softening by the largest stretch so far is

@@ -1,17 +1,9 @@
 //! Backlash of the input: a play of half-width b on the pressure.
 //!
-//! The chamber pressure p_c (Pa) stays where it is until the line pressure p
-//! has moved away from it by b (Pa), and then follows at that distance: the play
-//! operator, p_c = min(max(p_c before, p − b), p + b). A valve with a dead band,
-//! a regulator with hysteresis, a piston seal that sticks before it slides. It
-//! does not depend on time or angle.
-//!
-//! The memory is the play's output at the end of the last step; within a step it
-//! is clamped into p ± b, which is exact as long as p turns round at most once a
-//! step and at its end. p_c has corners where p turns and where the play is
-//! taken up. A run starts in the middle of the play, p_c = p; a piece that was
-//! cut out of a longer run starts so too, although its play was most likely
-//! taken up on one side, which is where this is weak: it costs up to b.
+//! A valve with a dead band, a regulator with hysteresis, a piston seal that sticks before it
+//! slides: the chamber pressure p_c (Pa) stays where it is until the line pressure p has moved
+//! away from it by b (Pa), and then follows at that distance. It does not depend on time or
+//! angle. p_c has corners where p turns and where the play is taken up.
 
 use super::{
     Family, Hidden, Info, Mechanism, Need, Parameter, Place, Rest, State, Unit, parameters,
@@ -48,6 +40,11 @@ pub const INFO: Info = Info {
 
 parameters! {
     /// Backlash of the input.
+    ///
+    /// The play operator: p_c = min(max(p_c before, p − b), p + b).
+    ///
+    /// The memory is the play's output at the end of the last step. Within a step it is clamped into
+    /// p ± b, which is exact as long as p turns round at most once a step and at its end.
     InputBacklash {
         /// Half-width b of the play (Pa).
         half_width: Parameter {
@@ -64,6 +61,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for InputBacklash<R> {
+    /// A run starts in the middle of the play, p_c = p. A piece that was cut out of a longer run
+    /// starts so too, although its play was most likely taken up on one side. That costs up to b.
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
         [rest.pressure, R::zero()]
     }

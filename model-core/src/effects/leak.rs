@@ -1,19 +1,10 @@
 //! Leak: p_c = p − z, ż = (p − z)/τ_L.
 //!
-//! The chamber loses its pressure with the time constant τ_L (s): ṗ_c = ṗ −
-//! p_c/τ_L, with what has been lost, z (Pa), as the hidden state.
-//!
-//! Where the pressure sensor sits decides whether this is an effect at all. In
-//! the chamber, a leak is measured: p falls, the model is told, and no gap is
-//! left. The form here is for a sensor on the pump's side of a restriction, or
-//! for a recorded pressure that is the pump's position times its gain: during a
-//! hold p stands still while the chamber empties. After the release p_c is below
-//! zero, because the pump takes back air that is no longer there.
-//!
-//! A run starts with z = 0: at its start nothing has been lost. A piece that was
-//! cut out of a hold starts so too, and then takes the pressure of the moment
-//! for full, which is where this is weak. There is no pressure that holds an
-//! angle against a leak.
+//! Where the pressure sensor sits decides whether this is an effect at all. In the chamber, a
+//! leak is measured: p falls, the model is told, and no gap is left. The form here is for a
+//! sensor on the pump's side of a restriction, or for a recorded pressure that is the pump's
+//! position times its gain: during a hold p stands still while the chamber empties. After the
+//! release p_c is below zero, because the pump takes back air that is no longer there.
 
 use super::{Family, Hidden, Info, Mechanism, Parameter, Place, State, Unit, parameters};
 use crate::carried::Lag;
@@ -50,6 +41,13 @@ pub const INFO: Info = Info {
 
 parameters! {
     /// Leak.
+    ///
+    /// The chamber loses its pressure with the time constant τ_L: ṗ_c = ṗ − p_c/τ_L. The hidden
+    /// state is what has been lost, z (Pa).
+    ///
+    /// A run starts with z = 0: at its start nothing has been lost. A piece that was cut out of a
+    /// hold starts so too, and then wrongly takes the pressure of the moment for full. No pressure
+    /// holds an angle against a leak.
     Leak {
         /// Time constant τ_L (s).
         time_constant: Parameter {

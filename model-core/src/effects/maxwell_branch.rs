@@ -23,7 +23,7 @@ use crate::real::Real;
 /// whose stiffnesses are as 1 to 10^(−α), as in a relaxation spectrum τ^(−α) with α = 0.2.
 pub const DECADES: f32 = 0.387;
 
-/// The time constant of the slow share is so many times τ.
+/// The time constant of the slow share, in multiples of τ.
 const SLOWER: i16 = 10;
 
 /// The square root of [`SLOWER`].

@@ -1,25 +1,10 @@
 //! What an effect is, and one file for each.
 //!
-//! An effect is a piece of physics that a real rig adds to the base equation.
-//! It can act in four places, and every effect is written as what it does in
-//! each of them:
+//! An effect is a piece of physics that a real rig adds to the base equation. [`Mechanism`]
+//! says what it does in each of the four places where it can act.
 //!
-//! | place | method | example |
-//! |---|---|---|
-//! | input path | [`Mechanism::delay`], [`Mechanism::input`] | lag of the tube |
-//! | parameters | [`Mechanism::modulate`] | exponent, drift of the stiffness |
-//! | force | [`Mechanism::force`] | friction, gravity |
-//! | sensor path | [`Mechanism::sensor`] | lag of the sensor |
-//!
-//! An effect may keep up to two hidden states of its own. They are
-//! integrated with the motion if [`Mechanism::integrates`] says so and they have a
-//! rate; one without a rate is a memory of events that [`Mechanism::note`] updates after a step,
-//! such as the largest angle so far. To add an effect, write a file here and name
-//! it in [`crate::catalogue`]; tests say what else must know. `docs/effects.md` is
-//! written from what the files here say.
-//!
-//! Several effects form a chain on the input path and another on the sensor
-//! path, in the order of the model: each sees what the one before it leaves.
+//! To add an effect, write a file here and name it in [`crate::catalogue`]; tests say what else
+//! must know. `docs/effects.md` is written from what the files here say.
 
 use crate::dynamics::{Dynamics, Rates};
 use crate::real::Real;
@@ -80,10 +65,10 @@ pub struct Instant<R> {
 pub struct Rest<R> {
     /// Bending angle θ (rad) at which what has a past has settled.
     pub angle: R,
-    /// Bending angle θ (rad) at which the run starts: the same but for a run that was cut
-    /// out of a longer one.
+    /// Bending angle θ (rad) at which the run starts: the same unless the run was cut out of a
+    /// longer one.
     pub start: R,
-    /// Angular rate θ̇ (rad/s); zero but for a run that starts in motion.
+    /// Angular rate θ̇ (rad/s); zero unless the run starts in motion.
     pub rate: R,
     /// Gauge pressure (Pa) that enters the effect.
     pub pressure: R,
@@ -113,6 +98,20 @@ pub struct Sign<R> {
 }
 
 /// What an effect does. Every method defaults to doing nothing.
+///
+/// | place | method | example |
+/// |---|---|---|
+/// | input path | [`Mechanism::delay`], [`Mechanism::input`] | lag of the tube |
+/// | parameters | [`Mechanism::modulate`] | exponent, drift of the stiffness |
+/// | force | [`Mechanism::force`] | friction, gravity |
+/// | sensor path | [`Mechanism::sensor`] | lag of the sensor |
+///
+/// Several effects form a chain on the input path and another on the sensor path, in the order
+/// of the model: each sees what the one before it leaves.
+///
+/// Hidden states are integrated with the motion if [`Mechanism::integrates`] says so and they
+/// have a rate. One without a rate is a memory of events that [`Mechanism::note`] updates after a
+/// step, such as the largest angle so far.
 pub trait Mechanism<R: Real> {
     /// Whether hidden states are integrated with the motion.
     fn integrates(&self) -> bool {
@@ -170,9 +169,9 @@ pub trait Mechanism<R: Real> {
     fn behind(&self, shown: Motion<R>) -> Motion<R> {
         shown
     }
-    /// Turns the base on which the actuator stands further by so much (rad).
+    /// Turns the base of the actuator further, by an angle (rad).
     fn turn(&mut self, _by: R) {}
-    /// Makes the tube to the actuator so many times as long.
+    /// Lengthens the tube to the actuator by a factor.
     fn lengthen_tube(&mut self, _times: R) {}
     /// Whether the stiffness depends on the pressure.
     fn stiffens(&self) -> bool {
@@ -185,7 +184,7 @@ pub trait Mechanism<R: Real> {
     /// Updates a memory of events after a step that arrived at `angle` (rad)
     /// and at the pressure (Pa) that enters the effect.
     fn note(&self, _angle: R, _pressure: R, _hidden: &mut Hidden<R>) {}
-    /// The smoothed sign of a friction; none for what has none.
+    /// The smoothed sign of a friction; none for an effect without one.
     fn sign(&self, _dynamics: &Dynamics<R>) -> Option<Sign<R>> {
         None
     }
@@ -214,8 +213,8 @@ pub(crate) fn full_turn<R: Real>() -> R {
     R::from_f32(core::f32::consts::TAU) - R::from_f32(1.748_455_6e-7)
 }
 
-/// The unit in which a parameter stands in files. Inside, everything is SI and
-/// radians; the unit also tells a fit the natural size of a parameter.
+/// The unit of a parameter in files. Inside, everything is SI and radians; the unit also tells a
+/// fit the natural size of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Unit {
@@ -294,12 +293,12 @@ impl Unit {
         }
     }
 
-    /// Whether it measures a force, or a force by something: an effect is twice as
-    /// strong with twice as much.
+    /// Whether it measures a force, or a force per something: twice the value makes the effect
+    /// twice as strong.
     pub const fn is_force(self) -> bool {
         #[cfg(feature = "desktop")]
         if let Self::Given(symbol) = self {
-            // N, or N by something.
+            // N, or N per something.
             return matches!(
                 symbol.as_bytes(),
                 [b'N'] | [b'N', b'/' | b'*' | b' ', ..] | [b'N', 0xC2, 0xB7, ..]
@@ -369,9 +368,8 @@ impl Parameter {
     }
 }
 
-/// Declares the parameters of an effect once: as the fields of a struct and as
-/// the table that files, fits and reports read. With `@table` in front, those of a
-/// struct that is no effect.
+/// Declares the parameters of an effect once: as the fields of a struct and as the table that
+/// files, fits and reports read. With `@table` in front, those of a struct that is not an effect.
 macro_rules! parameters {
     (
         $(#[$outer:meta])*
@@ -404,8 +402,8 @@ macro_rules! parameters {
             /// The names of the fields, in the order of the table.
             pub const FIELDS: &'static [&'static str] = &[$( stringify!($field) ),+];
 
-            /// Rows of the table. Like [`Self::bounds`] this is code and no
-            /// data, so that a board can ask without holding the table in RAM.
+            /// Rows of the table. Like [`Self::bounds`] this is code, not data, so that a board can
+            /// ask without holding the table in RAM.
             pub const COUNT: usize = [$( stringify!($field) ),+].len();
 
             /// Smallest and largest value of the parameter at `index`, in SI

@@ -1,15 +1,8 @@
 //! Mullins softening: K → K[1 − δ(1 − e^(−θ_max/θ_m))].
 //!
-//! θ_max (rad) is the largest |θ| so far, δ the share of the stiffness K that is
-//! lost for good, θ_m (rad) the angle over which it is lost. Filled elastomers
-//! soften on their first stretch and remember it (Mullins, Rubber Chem. Technol.
-//! 42, 1969; the exponential form is the usual one-parameter damage function).
-//!
-//! θ_max is a memory of events: after each step it is raised to |θ|, and within
-//! a step the larger of the two counts. The force is continuous, its slope has a
-//! corner where a swing passes the old maximum. A session starts with θ_max = |θ|, as
-//! if the actuator had never bent further; for the second session of a day, or a
-//! piece that does not say where it was cut from, that is where this is weak.
+//! Filled elastomers soften on their first stretch and remember it (Mullins, Rubber Chem.
+//! Technol. 42, 1969; the exponential form is the usual one-parameter damage function). So a
+//! share of the stiffness K is lost for good with the largest |θ| so far, θ_max (rad).
 
 use super::{
     Change, Doubtful, Family, Hidden, Info, Instant, Mechanism, Need, Parameter, Place, Rest,
@@ -49,6 +42,10 @@ pub const INFO: Info = Info {
 
 parameters! {
     /// Mullins softening.
+    ///
+    /// θ_max is a memory of events: after each step it is raised to |θ|, and within a step the larger
+    /// of the two counts. The force is continuous; its slope has a corner where a swing passes the
+    /// old maximum.
     MullinsSoftening {
         /// Share δ of the stiffness that can be lost.
         loss: Parameter {
@@ -61,7 +58,7 @@ parameters! {
             default: None,
             starts: &[0.1, 0.4],
         },
-        /// Angle θ_m over which it is lost (rad).
+        /// Angle θ_m (rad) over which it is lost.
         angle: Parameter {
             key: "angle_rad",
             symbol: "θ_m",
@@ -76,6 +73,8 @@ parameters! {
 }
 
 impl<R: Real> Mechanism<R> for MullinsSoftening<R> {
+    /// A session starts with θ_max = |θ|, as if the actuator had never bent further. That is wrong
+    /// for the second session of a day, and for a piece that does not say where it was cut from.
     fn at_rest(&self, rest: &Rest<R>) -> Hidden<R> {
         [rest.angle.abs(), R::zero()]
     }

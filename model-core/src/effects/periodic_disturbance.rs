@@ -1,15 +1,8 @@
 //! Periodic disturbance: Q = A sin(2πft + φ).
 //!
-//! A (N) is the amplitude, f (Hz) the frequency, t (s) the time since the start
-//! of the session, φ (rad) the phase there: a pump's stroke, a fan, a table that
-//! shakes.
-//!
-//! The turns f t are integrated as a hidden state and whole turns are taken off
-//! after each step, so that the sine keeps its resolution in `f32` however long
-//! the run lasts.
-//!
-//! The phase counts from the start of the session. Only a disturbance that starts
-//! with it has the same phase in several of them; that is where this is weak.
+//! A pump's stroke, a fan, a table that shakes. The phase counts from the start of the session
+//! (t in s), so that only a disturbance that starts with it has the same phase in several
+//! sessions; for any other this is wrong.
 
 use super::table::Variable;
 use super::{
@@ -102,6 +95,8 @@ impl<R: Real> Mechanism<R> for PeriodicDisturbance<R> {
         true
     }
 
+    /// The turns f·t are integrated as a hidden state. Whole turns are taken off after each step, so
+    /// that the sine keeps its resolution in `f32` however long the run lasts.
     fn note(&self, _angle: R, _pressure: R, hidden: &mut Hidden<R>) {
         if hidden[0] >= R::one() {
             hidden[0] -= R::one();

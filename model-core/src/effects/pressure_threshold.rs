@@ -1,9 +1,8 @@
 //! Pressure threshold: F = g max(p − p₀, 0).
 //!
-//! Below the pressure p₀ (Pa) nothing happens: a chamber that has to unfold or
-//! to lift off its core, a valve with a cracking pressure. F = g p is the force
-//! of the input (N). Also with p₀ = 0 a pressure below zero has no effect. The
-//! force has a corner at p₀.
+//! Below the pressure p₀ (Pa) nothing happens: a chamber that has to unfold or to lift off its
+//! core, a valve with a cracking pressure. F = g p is the force of the input (N). Even with p₀ = 0,
+//! a pressure below zero has no effect. The force has a corner at p₀.
 
 use super::table::Variable;
 use super::{Family, Hidden, Info, Mechanism, Parameter, Place, Unit, parameters};

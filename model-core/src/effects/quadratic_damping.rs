@@ -90,7 +90,7 @@ impl Preparation for QuadraticDamping<f32> {
 /// way is x·ln(1 + u)/u, with u = (d/M)·|x|.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drag {
-    /// d/M: what it takes of a way by that way (1/rad).
+    /// d/M: the share of a way that it takes, per way (1/rad).
     per_way: f32,
 }
 

@@ -1,14 +1,9 @@
 //! Lag of the sensor: τ ẏ = θ − y.
 //!
-//! The reading y (rad) follows the angle θ with the time constant τ (s): a
-//! filter in the amplifier or the firmware, a flex sensor in a soft sleeve. In a
-//! linear plant it cannot be told from a lag of the input by a run that starts
-//! at rest, since the two commute; a swing after a release by hand has only this
-//! one.
-//!
-//! At the start of a recording y is known and θ is not: θ = y + τ ẏ, which is
-//! exact, and θ̇ = ẏ, which is right as far as the motion is even; that is where
-//! this is weak.
+//! The reading y (rad) follows the angle θ with the time constant τ (s): a filter in the
+//! amplifier or the firmware, a flex sensor in a soft sleeve. In a linear plant a run that starts
+//! at rest cannot tell it from a lag of the input, since the two commute; a swing after a release
+//! by hand has only this one.
 
 use super::{
     Family, Hidden, Info, Mechanism, Motion, Parameter, Place, Rest, State, Unit, parameters,
@@ -77,6 +72,8 @@ impl<R: Real> Mechanism<R> for SensorLag<R> {
         hidden[0]
     }
 
+    /// At the start of a recording y is known and θ is not: θ = y + τ ẏ, which is exact, and θ̇ = ẏ,
+    /// which is right only as far as the motion is even.
     fn behind(&self, shown: Motion<R>) -> Motion<R> {
         Motion {
             angle: shown.angle + self.time_constant * shown.rate,

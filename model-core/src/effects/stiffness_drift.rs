@@ -1,14 +1,9 @@
 //! Drift of the stiffness: K → K(1 + ρ t).
 //!
-//! ρ (1/s) is the share of the stiffness K that is gained each second, t (s) the
-//! time on the rig's clock, which begins with the first recording after a reset: an
-//! elastomer that warms up, cures on or fatigues. In a piece of a session that does
-//! not say where it was cut from the drift starts anew, which is where this is weak.
-//!
-//! A straight line in time does not go on for ever. The factor 1 + ρ t stays
-//! between ¼ and 4: beyond them it is another actuator, one that has torn or has
-//! set, and no drift. Within them the line is exact; at them the factor has a
-//! corner, beyond which it no longer depends on ρ.
+//! An elastomer that warms up, cures on or fatigues: its stiffness K gains the share ρ (1/s) each
+//! second. t (s) is the time on the rig's clock, which begins with the first recording after a
+//! reset. In a piece of a session that does not say where it was cut from, the drift wrongly
+//! starts anew.
 
 use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
 use crate::dynamics::Dynamics;
@@ -68,6 +63,10 @@ parameters! {
 
 impl<R: Real> StiffnessDrift<R> {
     /// The stiffness after `time` (s), in multiples of what it was.
+    ///
+    /// A straight line in time does not go on for ever. The factor 1 + ρ t stays between ¼ and 4:
+    /// beyond them it is another actuator, one that has torn or has set, and no drift. Within them
+    /// the line is exact; at them the factor has a corner, beyond which it no longer depends on ρ.
     fn factor(&self, time: R) -> R {
         let line = R::one() + self.rate * time;
         let most = R::from_f32(MOST);

@@ -1,21 +1,8 @@
 //! Table: Q is piecewise linear in one variable.
 //!
-//! Q (N) is given at 2 to 16 nodes of the angle θ (rad), the rate ω (rad/s), the
-//! pressure p in the chamber (Pa), or the time t (s), on a straight line between
-//! two nodes and constant beyond the first and the last. A jump, as of dry
-//! friction at ω = 0, is two nodes close to each other.
-//!
-//! It is a repair and no name: it says where the missing force lives and what
-//! shape it has, not what makes it. So it is in the catalogue, but a search for
-//! causes leaves it out ([`crate::catalogue::Kind::is_name`]).
-//!
-//! The forces are the parameters: the one at the first node is parameter
-//! [`FIRST_FORCE`], the others follow. The nodes are fixed, in single precision
-//! on the board and on a desktop alike, and a fit does not move them.
-//!
-//! A model keeps at most one table. It lies beside the slots for effects
-//! ([`InModel`] stands in its slot), since it is eight times as large as any other
-//! effect and a board has little RAM.
+//! It is a repair and no name: it says where the missing force lives and what shape it has, not
+//! what makes it. So it is in the catalogue, but a search for causes leaves it out
+//! ([`crate::catalogue::Kind::is_name`]).
 
 use super::{Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit};
 use crate::actuator::Model;
@@ -195,6 +182,13 @@ impl fmt::Display for InvalidTable {
 impl core::error::Error for InvalidTable {}
 
 /// Table of a force.
+///
+/// Q (N) is given at 2 to 16 nodes of the angle θ (rad), the rate ω (rad/s), the pressure p in
+/// the chamber (Pa), or the time t (s): on a straight line between two nodes and constant beyond
+/// the first and the last. A jump, as of dry friction at ω = 0, is two nodes close to each other.
+///
+/// The forces are the parameters, from [`FIRST_FORCE`] on. The nodes are fixed, in single
+/// precision on the board and on a desktop alike, and a fit does not move them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Table<R> {
     of: Variable,
@@ -385,8 +379,11 @@ impl<R: Real> Mechanism<R> for Table<R> {
     }
 }
 
-/// What stands in the slot of a table whose numbers the model keeps beside its
-/// slots. By itself it does nothing.
+/// Marks the slot of a table whose numbers the model keeps beside its slots. By itself it does
+/// nothing.
+///
+/// A model keeps at most one table, which is eight times as large as any other effect: a board has
+/// little RAM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InModel;
 

@@ -1,16 +1,8 @@
 //! A load at the tip: Q = m·a·sin(κθ + θ₀ + φ), and the inertia m·a·λ/g₀.
 //!
-//! m (kg) is what hangs at the tip, which belongs to a session and not to the actuator: its
-//! metadata (`[setup] tip_load_g`) say it. a (N/kg) is the generalised force by a kilogram, λ (m)
-//! the lever of its weight and of its inertia, θ₀ the tilt of the base at which the angle was
-//! zeroed and φ its turn since. A weight of known size pulls by a known law, and its inertia by
-//! another: both move with one lever, which no damping, lag or spring imitates at two loads.
-//!
-//! A rigid arm of length l has a torque m·g₀·l·sin θ and an inertia m·l², so that λ = l. An
-//! actuator of length l that bends with constant curvature has its tip at l(1 − cos θ)/θ aside,
-//! l·sin θ/θ below its base, so that near θ = 0 the torque is (m·g₀·l/2)·sin(⅔θ + φ) and the inertia
-//! m·l²/4: λ = l/2 and κ = ⅔ ([`BENDING`]). The torque is within 3 % of its largest up to 60°; the inertia
-//! is 13 % less at 90°, which is left out.
+//! A weight of known size pulls by a known law, and its inertia by another: both move with one
+//! lever, which no damping, lag or spring imitates at two loads. What hangs at the tip, m (kg),
+//! belongs to a session and not to the actuator; its metadata (`[setup] tip_load_g`) give it.
 //!
 //! By itself a load of nothing does nothing: [`crate::actuator::Model::loaded`] puts a weight
 //! ([`Gravity`]) and an inertia in its place, and that is what is simulated and what a board gets.
@@ -51,6 +43,15 @@ pub const INFO: Info = Info {
 
 parameters! {
     /// A load at the tip.
+    ///
+    /// a (N/kg) is the generalised force by a kilogram, λ (m) the lever of its weight and of its
+    /// inertia, θ₀ the tilt of the base at which the angle was zeroed and φ its turn since.
+    ///
+    /// A rigid arm of length l has a torque m·g₀·l·sin θ and an inertia m·l², so that λ = l. An
+    /// actuator of length l that bends with constant curvature has its tip at l(1 − cos θ)/θ aside,
+    /// l·sin θ/θ below its base, so that near θ = 0 the torque is (m·g₀·l/2)·sin(⅔θ + φ) and the
+    /// inertia m·l²/4: λ = l/2 and κ = ⅔ ([`BENDING`]). The torque is within 3 % of its largest up to
+    /// 60°; the inertia is 13 % less at 90°, which is left out.
     TipLoad {
         /// Generalised force a of a kilogram (N/kg).
         force_per_mass: Parameter {
@@ -89,8 +90,7 @@ parameters! {
 }
 
 impl<R: Real> TipLoad<R> {
-    /// The weight of a load of `mass` (kg), on a base of which the angle was zeroed at `tilt`
-    /// (rad).
+    /// The weight of a load of `mass` (kg), on a base whose angle was zeroed at `tilt` (rad).
     #[must_use]
     pub fn weight(&self, mass: R, tilt: R) -> Gravity<R> {
         Gravity {

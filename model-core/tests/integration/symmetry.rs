@@ -1,26 +1,11 @@
 //! A mirrored start under mirrored pressure gives the mirrored run.
 //!
-//! An actuator is as stiff in one direction as in the other, so the base model
-//! is odd, and so are the effects whose force is odd in θ and ω or linear in
-//! the pressure. It holds bit for bit, since a sign costs no rounding: a
-//! difference is a branch that treats one side differently.
+//! An actuator is as stiff in one direction as in the other, so the base model is odd, and so are
+//! the effects whose force is odd in θ and ω or linear in the pressure. It holds bit for bit,
+//! since a sign costs no rounding: a difference is a branch that treats one side differently.
 //!
-//! Some effects are not odd by themselves, because they carry a direction of
-//! their own, and are once that direction is mirrored too:
-//!
-//! - gravity with a tilt: sin(θ + θ₀) − sin θ₀ has an even part, (cos θ − 1)
-//!   sin θ₀; mirrored, the base tilts the other way;
-//! - what adds an even part to the reading, b, r t or c θ²: the motion is odd,
-//!   the reading is only with −b, −r or −c;
-//! - stiffening by pressure: mirrored, it stiffens under the mirrored pressure;
-//! - the lag of filling and venting: mirrored, the two change places.
-//!
-//! A table is odd if its forces are, but only up to rounding, since a line is
-//! interpolated from its left end: its own tests look at that.
-//!
-//! And some are one-sided, without a mirror image in the catalogue: a stop, a
-//! threshold, a damping of one direction, and a disturbance that only another
-//! phase would mirror.
+//! A table is odd if its forces are, but only up to rounding, since a line is interpolated from
+//! its left end: its own tests look at that.
 
 use model_core::actuator::{Model, State};
 use model_core::catalogue::{Effect, Kind};
@@ -31,6 +16,19 @@ use model_core::real::Real;
 use crate::support::{F32, F64, SCHEMES, Scalar, lively, run, sample_effects, varied_pressure_pa};
 
 /// The effect in the mirror; none where it has no mirror image.
+///
+/// Some effects are not odd by themselves, because they carry a direction of their own, and are
+/// once that direction is mirrored too:
+///
+/// - gravity with a tilt: sin(θ + θ₀) − sin θ₀ has an even part, (cos θ − 1) sin θ₀; mirrored, the
+///   base tilts the other way;
+/// - what adds an even part to the reading, b, r t or c θ²: the motion is odd, the reading is only
+///   with −b, −r or −c;
+/// - stiffening by pressure: mirrored, it stiffens under the mirrored pressure;
+/// - the lag of filling and venting: mirrored, the two change places.
+///
+/// And some are one-sided, without a mirror image in the catalogue: a stop, a threshold, a damping
+/// of one direction, and a disturbance that only another phase would mirror.
 fn mirrored(effect: Effect<f64>) -> Option<Effect<f64>> {
     let directed = match effect.kind() {
         Kind::CoulombFriction

@@ -1,31 +1,32 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The air between plunger and actuator: an ideal gas with leaks.
 //!
-//! ```text
-//! p = a (1 + w)/V                          a: amount of air times RT (Pa·m³)
-//! V = V_s + s p_l                          syringe, dead volume, and what the actuator swells by
-//! ȧ = −V (p − p₀) Σ 1/τ                    leak, and the vent while it is open
-//! ẇ = 0.4 (1 + w) d(ln a/V)/dt − w/τ_c     heat of compression
-//! τ_t ṗ_l = (p − p₀) − p_l                 tube to sensor and actuator
-//! ```
-//!
-//! | symbol | quantity | default |
-//! |---|---|---|
-//! | V | syringe plus dead volume of tube and actuator | 56 ml + 4 ml retracted |
-//! | p₀ | atmospheric pressure | 101.325 kPa |
-//! | τ | leak; vent valve; the fault `leak` | 2500 s; 0.08 s; 3 s |
-//! | w | how much warmer than the room, as a share of its temperature | – |
-//! | τ_c | cooling of the air | at once |
-//! | s | swelling of the actuator | 0 |
-//! | p_l | gauge pressure in the line | – |
-//! | τ_t | tube | 20 ms |
-//!
-//! With the valve closed the air is conserved: pushing in compresses, pulling
-//! back beyond where it was closed makes a vacuum. The time constants hold at
-//! constant volume. By default compression is isothermal and the actuator does not
-//! swell: healthy rigs that are [drawn](crate::bench::draw_gas) do both.
+//! With the valve closed the air is conserved: pushing in compresses, pulling back beyond where it
+//! was closed makes a vacuum. By default compression is isothermal and the actuator does not swell:
+//! healthy rigs that are [drawn](crate::bench::draw_gas) do both.
 
 /// The air's configuration, in SI units.
+///
+/// ```text
+/// p = a (1 + w)/V                          a: amount of air times RT (Pa·m³)
+/// V = V_s + s p_l                          syringe, dead volume, and what the actuator swells by
+/// ȧ = −V (p − p₀) Σ 1/τ                    leak, and the vent while it is open
+/// ẇ = 0.4 (1 + w) d(ln a/V)/dt − w/τ_c     heat of compression
+/// τ_t ṗ_l = (p − p₀) − p_l                 tube to sensor and actuator
+/// ```
+///
+/// | symbol | quantity | default |
+/// |---|---|---|
+/// | V | syringe plus dead volume of tube and actuator | 56 ml + 4 ml retracted |
+/// | p₀ | atmospheric pressure | 101.325 kPa |
+/// | τ | leak; vent valve; the fault `leak` | 2500 s; 0.08 s; 3 s |
+/// | w | how much warmer than the room, as a share of its temperature | – |
+/// | τ_c | cooling of the air | at once |
+/// | s | swelling of the actuator | 0 |
+/// | p_l | gauge pressure in the line | – |
+/// | τ_t | tube | 20 ms |
+///
+/// The time constants hold at constant volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gas {
     /// Volume of tube and actuator (m³).

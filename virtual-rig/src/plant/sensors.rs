@@ -1,25 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The voltages of the two sensors at the converter's inputs.
 //!
-//! Pressure, ratiometric (0.5–4.5 V of 5 V for 0–80 psi):
-//!
-//! ```text
-//! U = 5000 mV · (0.1 + 0.8 p/80 psi), between 0 and 5000 mV
-//! ```
-//!
-//! Flex sensor from 5 V, 47 kΩ to ground:
-//!
-//! ```text
-//! R(θ) = 25 kΩ · (70/25)^((θ + θ_0)/90°),  θ + θ_0 between −20° and 140°
-//! U = 5 V · 47/(47 + R)            668 counts flat, 411 at 90°
-//! θ_s = θ − c·q,  τ q̇ = θ − q      creep of the sensor, off by default
-//! ```
-//!
-//! Both have a zero error, none by default: an offset in mV, and the bend θ_0
-//! that the strip was glued on with.
-//!
-//! White noise is added by the converter, anew for each conversion: 0.25 kPa
-//! and 0.4° rms, before any filter.
+//! White noise is added by the converter, anew for each conversion: 0.25 kPa and 0.4° rms, before
+//! any filter. Both sensors have a zero error, none by default.
 
 /// Pascal in a pound per square inch.
 pub const PASCAL_PER_PSI: f64 = 6_894.757_293;
@@ -77,6 +60,12 @@ impl SensorFault {
 }
 
 /// The pressure sensor.
+///
+/// Ratiometric, 0.5–4.5 V of 5 V for 0–80 psi:
+///
+/// ```text
+/// U = 5000 mV · (0.1 + 0.8 p/80 psi), between 0 and 5000 mV
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PressureSensor {
     /// White noise (Pa rms).
@@ -110,6 +99,14 @@ impl PressureSensor {
 }
 
 /// The flex sensor and its divider.
+///
+/// From 5 V, with 47 kΩ to ground; θ_0 is the bend that the strip was glued on with:
+///
+/// ```text
+/// R(θ) = 25 kΩ · (70/25)^((θ + θ_0)/90°),  θ + θ_0 between −20° and 140°
+/// U = 5 V · 47/(47 + R)            668 counts flat, 411 at 90°
+/// θ_s = θ − c·q,  τ q̇ = θ − q      creep of the sensor, off by default
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlexSensor {
     /// Resistance when straight (Ω).

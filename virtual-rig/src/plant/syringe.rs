@@ -1,20 +1,21 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! Plunger and spindle: x = s·ℓ/(N·m), V = A (L − x).
 //!
-//! | symbol | quantity | default |
-//! |---|---|---|
-//! | s | microsteps, counted by the simulator | – |
-//! | N | full steps a revolution | 200 |
-//! | m | microsteps a step | 16 |
-//! | ℓ | lead of the spindle | 2 mm/rev |
-//! | A | area of the bore of 26.7 mm | 560 mm² |
-//! | L | stroke | 100 mm (56 ml) |
-//! | x | plunger, from the retracted switch | −2 to 100 mm |
-//!
-//! One microstep is 1/1600 mm or 0.35 µl. Beyond each switch is a hard stop,
-//! where steps are lost.
+//! Beyond each switch is a hard stop, where steps are lost.
 
 /// Dimensions of the syringe pump.
+///
+/// | symbol | quantity | default |
+/// |---|---|---|
+/// | s | microsteps, counted by the simulator | – |
+/// | N | full steps a revolution | 200 |
+/// | m | microsteps a step | 16 |
+/// | ℓ | lead of the spindle | 2 mm/rev |
+/// | A | area of the bore of 26.7 mm | 560 mm² |
+/// | L | stroke | 100 mm (56 ml) |
+/// | x | plunger, from the retracted switch | −2 to 100 mm |
+///
+/// One microstep is 1/1600 mm or 0.35 µl.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Syringe {
     /// Microsteps for a millimetre of travel.

@@ -1,11 +1,9 @@
 //! A release: `softrig` that needs nothing installed, with the board's image, as one archive.
 //!
 //! The program is linked statically against musl, so that one file runs on every Linux of its
-//! processor, old or new. Rust's own linker does that, with the musl of Rust's standard library;
-//! the only C libraries, zstd and SQLite, are compiled against the headers of musl. Where that library
-//! cannot be fetched, the C library of this computer is linked in its place, statically too. As a test,
-//! the archive is unpacked and run in an otherwise empty folder. The page for a browser is placed beside it, and
-//! the wheel of the Python package, for systems like this one.
+//! processor, old or new. As a test, the archive is unpacked and run in an otherwise empty folder.
+//! The page for a browser is placed beside it, and the wheel of the Python package, for systems like
+//! this one.
 //!
 //! The virtual rig is not in the archive, because it links simavr, which is GPL, and dynamic
 //! libraries. It has to be built from source.
@@ -325,6 +323,8 @@ fn is_of_musl(target: &str) -> bool {
 
 /// The target itself, if Rust's library for it is here or can be fetched. Otherwise that of this
 /// computer, where its programs run too.
+///
+/// The C library of this computer is linked statically too.
 fn available(target: &str) -> Outcome<String> {
     if has_library(target)? {
         return Ok(target.into());
@@ -347,6 +347,9 @@ fn available(target: &str) -> Outcome<String> {
 }
 
 /// `cargo build` of a static program for a target.
+///
+/// Rust's own linker does that, with the musl of Rust's standard library; the only C libraries, zstd
+/// and SQLite, are compiled against the headers of musl.
 fn build_command(target: &str) -> Command {
     let name = target.replace('-', "_");
     // Where the sources are is nobody's business, and differs from build to build.

@@ -1,26 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //! The soak test: simulated hours of random protocols, broken wires, pulled cables and
-//! resets, while invariants are checked against the simulated truth.
+//! resets, while invariants are checked against the simulated truth ([`run`]).
 //!
 //! A round arms the rig, runs a protocol, injects a fault at a random instant of a random
-//! phase, removes it and clears. The invariants:
-//!
-//! | invariant | checked |
-//! |---|---|
-//! | the true pressure stays below `max.kpa` + 10 % | every 2.5 ms |
-//! | no step later than [`Deadline`] allows after something broke | every step, to the cycle |
-//! | in idle and in a fault the pump is off and the valve open | every 2.5 ms |
-//! | a line of telemetry for every period, but for lines that a noisy or unplugged cable or a reset took, and those are counted | every line |
-//! | a fault names something that was broken | every fault |
-//! | what is broken is not armed | every line |
-//! | `clear` works once the cause is gone, and the rig can be armed again | every round |
-//!
-//! The first invariant has one exception: a stuck pressure sensor shows the firmware a
-//! wrong pressure. The firmware detects it as a stall, after two windows of the stall watch
-//! at most. So with that fault the plunger may move by [`STUCK_TRAVEL`] of `max.ul`, and the
-//! pressure may rise by the gas law for that volume. A broken or shorted pressure sensor is
-//! also wrong for 50 ms, but has no exception: the last good reading is held, and a pump at
-//! full flow compresses 0.25 ml in that time.
+//! phase, removes it and clears.
 //!
 //! Each session has a rig of its own: noise, sensor zeros and plunger position are drawn
 //! from its seed. Session *n* of seed *s* is session 0 of seed *s + n*, so that a violation
@@ -93,6 +76,23 @@ impl std::fmt::Display for Violation {
 impl std::error::Error for Violation {}
 
 /// Runs sessions until the time is over; `tell` hears how far it is.
+///
+/// | invariant | checked |
+/// |---|---|
+/// | the true pressure stays below `max.kpa` + 10 % | every 2.5 ms |
+/// | no step later than [`Deadline`] allows after something broke | every step, to the cycle |
+/// | in idle and in a fault the pump is off and the valve open | every 2.5 ms |
+/// | a line of telemetry for every period, except the lines that a noisy or unplugged cable or a reset took, which are counted | every line |
+/// | a fault names something that was broken | every fault |
+/// | what is broken is not armed | every line |
+/// | `clear` works once the cause is gone, and the rig can be armed again | every round |
+///
+/// The first invariant has one exception: a stuck pressure sensor shows the firmware a wrong
+/// pressure. The firmware detects it as a stall, after at most two windows of the stall watch. So
+/// with that fault the plunger may move by [`STUCK_TRAVEL`] of `max.ul`, and the pressure may rise
+/// by the gas law for that volume. A broken or shorted pressure sensor is also wrong for 50 ms,
+/// but has no exception: the last good reading is held, and a pump at full flow compresses 0.25 ml
+/// in that time.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! Rows that are none, and are left out as long as they are few.
+//! Lines that are not rows, and are left out as long as they are few.
 
 use std::path::Path;
 
@@ -7,10 +7,10 @@ use crate::columns::Layout;
 use crate::error::InputError;
 use crate::left_out::{LeftOut, What};
 
-/// Largest share of the lines that may be no rows.
+/// Largest share of the lines that are not rows.
 const BAD_SHARE: f64 = 0.05;
 
-/// Lines that are no rows: torn, cut off, or said by a board while it starts; rows of another
+/// Lines that are not rows: torn, cut off, or written by a board while it starts; rows of another
 /// format in which a number is missing.
 #[derive(Default)]
 pub(super) struct BadLines {

@@ -30,8 +30,8 @@ use binary::{Binary, Source};
 
 /// An angle beyond this is taken for a slip of units (°).
 const SUSPICIOUS_ANGLE_DEG: f64 = 720.0;
-/// A pressure beyond this is taken for a slip of units (kPa): more than the
-/// sensors and the silicone of such rigs stand.
+/// A pressure beyond this is taken for a slip of units (kPa): more than the sensors and the
+/// silicone of such rigs withstand.
 const SUSPICIOUS_PRESSURE_KPA: f64 = 600.0;
 /// No sensor shows more, in whatever unit, and its square and a thousand times as much are
 /// numbers too.
@@ -101,9 +101,9 @@ pub struct Samples {
     pub warnings: Vec<String>,
     /// Samples at which the clock begins again.
     pub breaks: Vec<usize>,
-    /// The times as they stand in the file (s), where they were reconstructed.
+    /// The times as in the file (s), where they were reconstructed.
     pub stamps: Option<Vec<f64>>,
-    /// Where the samples stand in the file.
+    /// Where the samples are in the file.
     pub lines: Lines,
     /// What was left out or changed.
     pub left_out: Vec<LeftOut>,
@@ -121,7 +121,7 @@ pub enum Decimals {
     /// There is no number yet.
     #[default]
     None,
-    /// All have so many.
+    /// All have this many.
     All(usize),
     /// They differ, or have exponents.
     Various,
@@ -144,7 +144,7 @@ impl Decimals {
         };
     }
 
-    /// A number with so many decimals; with as few as tell it from others, if they differ.
+    /// A number with this many decimals; if they differ, with as few as distinguish it from others.
     pub fn show(self, number: f64) -> String {
         match self {
             _ if number.is_nan() => String::new(),
@@ -354,8 +354,8 @@ pub fn refuse_foreign(start: &[u8], path: &Path) -> Result<(), InputError> {
     Err(InputError::new(format!("is {what}, which is not read"), advice).in_file(path))
 }
 
-/// Whether a file that starts so is a recording in a binary format or a packed table: nothing
-/// else that is read or written here is either. What HDF5 holds nobody knows.
+/// Whether a file that starts so is a recording in a binary format or a packed table: nothing else
+/// that is read or written here is either. What HDF5 holds is not known.
 pub fn is_binary_recording(start: &[u8]) -> bool {
     match Binary::of(start) {
         Some(Binary::Hdf5) => start.starts_with(MATLAB),
@@ -414,7 +414,7 @@ impl Values {
         self.len() == 0
     }
 
-    /// Those of some rows, as they stand in a file.
+    /// Those of some rows, as in a file.
     fn shown(self, rows: &[usize]) -> Vec<String> {
         match self {
             Self::Texts(texts) if rows.len() == texts.len() => texts,
@@ -456,7 +456,7 @@ impl Sheet {
         Ok(count)
     }
 
-    /// Makes the columns that nobody recorded, which are behind the last: a pressure of zero, and
+    /// Makes the columns that were not recorded, which are behind the last: a pressure of zero, and
     /// the number of the row.
     fn make_columns(&mut self, mut places: [usize; 3], layout: &Layout) -> [usize; 3] {
         let width = self.columns.len();
@@ -773,7 +773,7 @@ fn optional_name(found: &str, layout: &Layout) -> String {
         .unwrap_or_else(|| found.to_owned())
 }
 
-/// The first of three numbers that is none, or that no sensor shows.
+/// The first of three values that is not a number, or that no sensor shows.
 fn unusable(values: [f64; 3]) -> Option<(Quantity, InputError)> {
     let mut all = Quantity::ALL.into_iter().zip(values);
     let is_not = |value: f64| value.is_nan() || value.abs() > LARGEST_NUMBER;
@@ -781,7 +781,7 @@ fn unusable(values: [f64; 3]) -> Option<(Quantity, InputError)> {
     Some((quantity, not_usable(&value.to_string())))
 }
 
-/// A number that is none, or that no sensor shows.
+/// A value that is not a number, or that no sensor shows.
 fn not_usable(written: &str) -> InputError {
     InputError::new(
         format!("{written} is not a number that can be used"),

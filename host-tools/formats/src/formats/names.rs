@@ -220,8 +220,7 @@ pub fn unit_in(quantity: Quantity, name: &str) -> Option<Unit> {
     Unit::of(quantity, split(without_factor(name)).1?)
 }
 
-/// A name without its unit, and the unit as it is written: what stands in brackets, or the
-/// last word.
+/// A name without its unit, and the unit as it is written: what is in brackets, or the last word.
 fn split(name: &str) -> (&str, Option<&str>) {
     let name = name.trim();
     if let Some(open) = name.rfind(['[', '(']) {

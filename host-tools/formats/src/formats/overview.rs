@@ -1,4 +1,4 @@
-//! A look at a table of text whose columns nobody has named yet, and what they seem to be.
+//! A look at a table of text whose columns are not named yet, and what they seem to be.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ const MOST_ROWS: usize = 50_000;
 /// Share of the rows that make a column one of numbers, or one that increases.
 const MOST: f64 = 0.9;
 
-/// Words in the names of inputs that are no pressure.
+/// Words in the names of inputs that are not pressures.
 const INPUTS: [&str; 9] = [
     "pwm", "volt", "current", "strom", "input", "valve", "pump", "command", "eingang",
 ];
@@ -42,7 +42,7 @@ impl Overview {
     ///
     /// # Errors
     ///
-    /// Names the file that cannot be read, or is no table.
+    /// Names the file that cannot be read, or is not a table.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         Self::of_file(&read_bytes(path)?, path)
     }
@@ -51,7 +51,7 @@ impl Overview {
     ///
     /// # Errors
     ///
-    /// Names the file that is no table.
+    /// Names the file that is not a table.
     pub fn of_file(bytes: &[u8], path: &Path) -> Result<Self, InputError> {
         let named = Self::open(bytes, path, false)?;
         let is_header =
@@ -108,8 +108,8 @@ impl Overview {
         self.rows.iter().map(number).collect()
     }
 
-    /// The course of a column, from 0 at its least number to 1 at its largest, as means over at most
-    /// so many pieces; NaN where a piece has no number.
+    /// The course of a column, from 0 at its least number to 1 at its largest, as means over at
+    /// most `pieces` pieces; NaN where a piece has no number.
     pub fn course(&self, column: usize, pieces: usize) -> Vec<f64> {
         let numbers = self.numbers(column);
         let finite = || numbers.iter().copied().filter(|it| it.is_finite());
@@ -239,7 +239,7 @@ impl Overview {
     }
 }
 
-/// Whether numbers increase, but for a few.
+/// Whether numbers increase, except for a few.
 fn increases(numbers: &[f64]) -> bool {
     let up = numbers.windows(2).filter(|pair| pair[1] > pair[0]).count();
     numbers.len() > 1 && up as f64 >= MOST * (numbers.len() - 1) as f64

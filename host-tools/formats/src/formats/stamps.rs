@@ -1,14 +1,7 @@
 //! Times that are written as a clock shows them.
 //!
-//! | form | |
-//! |---|---|
-//! | `2024-05-01T12:00:00.020Z` | ISO 8601, with a blank for the T, without the Z or with an offset |
-//! | `2024-05-01 12:00:00.020 PM`, `12:00:00.020 PM` | of twelve hours |
-//! | `01.05.2024 12:00:00,020` | the German form |
-//! | `12:00:00.020` | a time of the day |
-//! | `5/1/2024 12:00:00` | a time of the day: whether the month comes first nobody knows |
-//! | `00:12.5` | minutes and seconds, as Excel shows them |
-//! | `0 days 00:00:00.020` | a duration of pandas |
+//! Spreadsheets, loggers and data-frame libraries each write a time in their own form. All of them
+//! become seconds here ([`read`]).
 
 use crate::error::InputError;
 
@@ -29,7 +22,7 @@ pub struct Stamps {
     pub is_of_day: bool,
 }
 
-/// Reads all fields; none if one of them is no time.
+/// Reads all fields; none if one of them is not a time.
 pub fn all(fields: &[String]) -> Option<Stamps> {
     let read: Option<Vec<Stamp>> = fields.iter().map(|field| read(field)).collect();
     let read = read?;
@@ -39,7 +32,17 @@ pub fn all(fields: &[String]) -> Option<Stamps> {
     })
 }
 
-/// Reads a time; none if the field is none, as a number.
+/// Reads a time; none if the field is something else, such as a number.
+///
+/// | form | |
+/// |---|---|
+/// | `2024-05-01T12:00:00.020Z` | ISO 8601, with a blank for the T, without the Z or with an offset |
+/// | `2024-05-01 12:00:00.020 PM`, `12:00:00.020 PM` | of twelve hours |
+/// | `01.05.2024 12:00:00,020` | the German form |
+/// | `12:00:00.020` | a time of the day |
+/// | `5/1/2024 12:00:00` | a time of the day: whether the month comes first nobody knows |
+/// | `00:12.5` | minutes and seconds, as Excel shows them |
+/// | `0 days 00:00:00.020` | a duration of pandas |
 pub fn read(field: &str) -> Option<Stamp> {
     let field = field.trim();
     if !field.is_ascii() || !field.contains(':') {
@@ -128,7 +131,7 @@ fn of_day(text: &str, half: Option<f64>) -> Option<f64> {
     }
 }
 
-/// Whether a text that is no number looks like a time.
+/// Whether a text that is not a number looks like a time.
 pub fn is_like_one(field: &str) -> bool {
     let has_digit = field.bytes().any(|byte| byte.is_ascii_digit());
     let numbers = field
@@ -139,7 +142,7 @@ pub fn is_like_one(field: &str) -> bool {
         && field.replace(',', ".").parse::<f64>().is_err()
 }
 
-/// Refuses a time that is written in no form that is read.
+/// Refuses a time in a form that cannot be read.
 pub fn no_form(field: &str) -> InputError {
     InputError::new(
         format!("\"{field}\" is a time in a form that is not read"),
@@ -148,8 +151,8 @@ pub fn no_form(field: &str) -> InputError {
 }
 
 /// The time (s since 1970) of a time stamp as ISO 8601 has it, `2024-05-01T12:00:00.01Z`, with a
-/// blank for the T, without the Z or with an offset from UTC in its place; none if a field is
-/// none.
+/// blank for the T, without the Z or with an offset from UTC in its place; none if the field is
+/// something else.
 fn iso_seconds(field: &str) -> Option<f64> {
     let is_date = field.is_ascii() && field.len() >= 19 && field.as_bytes()[4] == b'-';
     if !is_date {

@@ -63,7 +63,7 @@ pub fn read(
     let mut short = ShortRows::default();
     while rows.next(&mut record)? {
         let line = record.line();
-        // What is known to stand elsewhere stays there.
+        // An error with a line of its own keeps its place.
         let place = |error: InputError| match error.line {
             Some(_) => error.in_file(path),
             None => error.in_file(path).at_line(line),
@@ -234,7 +234,7 @@ fn not_ended(path: &Path) -> String {
     )
 }
 
-/// Rows that lack columns which nobody wants, one after the other: they are no damage.
+/// Consecutive rows that lack columns which are not wanted: they are not damaged.
 #[derive(Default)]
 struct ShortRows {
     /// The width of the row before.
@@ -263,10 +263,10 @@ impl ShortRows {
     }
 }
 
-/// Runs that stand side by side, with the same names above each.
+/// Runs side by side, with the same names above each.
 #[derive(Default)]
 struct BesideEachOther {
-    /// Where time, pressure and angle of the second run stand, and of those that follow.
+    /// Where time, pressure and angle of the second run are, and of those that follow.
     places: Vec<[usize; 3]>,
     /// Their samples (s, kPa, °), with their lines.
     runs: Vec<Vec<(u64, [f64; 3])>>,
@@ -352,7 +352,6 @@ impl BesideEachOther {
     }
 }
 
-/// Whether a row is the header again.
 fn is_header_again(row: &Row, header: &[String]) -> bool {
     row.width() == header.len()
         && header
@@ -361,8 +360,8 @@ fn is_header_again(row: &Row, header: &[String]) -> bool {
             .all(|(at, name)| row.field(at) == name.as_str())
 }
 
-/// Whether a field is no number, in whatever country: what is written in another way than the rest
-/// is no damage.
+/// Whether a field is not a number in any notation: a number that is written differently from the
+/// rest is not damage.
 fn is_no_number(field: &str) -> bool {
     if let Ok(number) = field.replace(',', ".").parse::<f64>() {
         return number.is_nan() || number.abs() > LARGEST_NUMBER;
@@ -395,8 +394,8 @@ fn has_all(names: &[String], layout: &Layout) -> bool {
     wanted.iter().all(is_there)
 }
 
-/// The units in a row beneath the header, with a sentence about them; none if the row is no
-/// such row: if one of its fields is a number, or none of them a unit.
+/// The units in a row beneath the header, with a sentence about them; none if it is not such a row:
+/// if one of its fields is a number, or none of them a unit.
 fn units_row(
     fields: &[Cow<'_, str>; 3],
     layout: &Layout,

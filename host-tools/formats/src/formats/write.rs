@@ -47,7 +47,7 @@ impl Format {
             .find(|format| name.ends_with(&format!(".{}", format.ending())))
     }
 
-    /// Whether metadata stand in the file itself, and not beside it.
+    /// Whether metadata are in the file itself, not beside it.
     pub fn holds_metadata(self) -> bool {
         matches!(self, Self::Parquet | Self::Mcap)
     }

@@ -30,7 +30,7 @@ pub(super) fn ends_in(text: &[u8]) -> u64 {
 }
 
 impl Lines {
-    /// For a text that follows so many lines.
+    /// For a text that follows this many lines.
     pub(super) fn after(lines: u64) -> Self {
         Self {
             line: lines + 1,

@@ -38,9 +38,9 @@ pub struct Wanted<'a> {
     /// Whether names are those of the header. It is asked for every delimiter, so that it also
     /// tells what separates the columns.
     pub names: &'a dyn Fn(&[String]) -> bool,
-    /// How many lines about the table may stand above its header, besides empty lines and
-    /// comments. Where none of so many lines has the wanted names, nor the one beneath them,
-    /// the first line is the header, for the caller to refuse.
+    /// How many lines about the table may be above its header, besides empty lines and comments.
+    /// Where none of these lines has the wanted names, nor the one beneath them, the first line is
+    /// the header, for the caller to refuse.
     pub lines_above: usize,
     /// How many lines at the start of the text are not looked at, whatever they hold.
     pub skipped: u64,
@@ -123,7 +123,7 @@ fn encoding_of(start: &[u8]) -> Option<&'static Encoding> {
 
 type Decoded<R> = Unprefixed<DecodeReaderBytes<std::io::Chain<Cursor<Vec<u8>>, R>, Vec<u8>>>;
 
-/// A text of which the beginning was looked at.
+/// A text whose beginning was examined.
 struct Begun<R: Read> {
     seen: Cursor<Vec<u8>>,
     rest: Bounded<Decoded<R>>,
@@ -167,7 +167,7 @@ impl<'a, R: Read> Rows<'a, R> {
     ///
     /// # Errors
     ///
-    /// Names file and line where the text cannot be read, is none, or goes beyond `limits`.
+    /// Names file and line where the text cannot be read, is not text, or goes beyond `limits`.
     pub fn open(
         mut text: R,
         path: &'a Path,
@@ -232,7 +232,7 @@ impl<'a, R: Read> Rows<'a, R> {
         Ok(Some((found.header, rows)))
     }
 
-    /// Reads the next row; `false` at the end. Empty lines are no rows.
+    /// Reads the next row; `false` at the end. Empty lines are not rows.
     ///
     /// # Errors
     ///

@@ -27,8 +27,8 @@ impl Numbers {
     ///
     /// # Errors
     ///
-    /// Names the line and the column of what is no number, or is not written as those before;
-    /// of an earlier number, if this one tells that it may be two.
+    /// Names the line and the column of what is not a number, or is written otherwise than those
+    /// before; of an earlier number, if this one shows that it is ambiguous.
     pub fn read(&mut self, field: &str, line: u64, column: &str) -> Result<f64, InputError> {
         self.number(field, line, column)
             .map_err(|error| match error.line {
@@ -97,11 +97,11 @@ impl Numbers {
         )
     }
 
-    /// Refuses a file in which nothing told what a comma means, once all its numbers are read.
+    /// Refuses a file in which nothing showed what a comma means, once all its numbers are read.
     ///
     /// # Errors
     ///
-    /// Names the line and the column of the first number that may be two.
+    /// Names the line and the column of the first ambiguous number.
     pub fn check(&self) -> Result<(), InputError> {
         match &self.doubt {
             Some((line, column, field)) if self.sign != Some(Sign::Comma) => Err(InputError::new(
@@ -127,8 +127,8 @@ pub(crate) fn is_with_comma(field: &str) -> bool {
         && field.replace(',', ".").parse::<f64>().is_ok()
 }
 
-/// Whether the comma in a number may be one between thousands: three digits behind it and
-/// up to three before it, the first of them no zero.
+/// Whether the comma in a number may be one between thousands: three digits behind it and up to
+/// three before it, the first of them not zero.
 fn is_ambiguous(field: &str) -> bool {
     let Some((before, behind)) = field.split_once(',') else {
         return false;

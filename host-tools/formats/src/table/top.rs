@@ -38,7 +38,7 @@ pub(super) struct Top<'a> {
     at: usize,
     /// How many lines are before it.
     passed: u64,
-    /// Where the last comment above the first line stands.
+    /// Where the last comment above the first line is.
     comment: Option<Range<usize>>,
     /// Lines that are neither empty nor comments.
     lines: Vec<Range<usize>>,
@@ -96,8 +96,8 @@ impl<'a> Top<'a> {
         ends_in(&self.seen[..place])
     }
 
-    /// Where the line ends that begins at `self.at`, its line end included. A line end
-    /// between quotes is none; a quote within a field is a sign for inches.
+    /// Where the line ends that begins at `self.at`, its line end included. A line end between
+    /// quotes does not count; a quote within a field is a sign for inches.
     fn line_end(&self) -> Option<usize> {
         let mut quoted = false;
         let mut begins = true;
@@ -113,7 +113,7 @@ impl<'a> Top<'a> {
                 },
                 _ => {}
             }
-            // Behind a blank it stands for inches as well.
+            // After a blank, too, it means inches.
             begins = *byte != BLANK && DELIMITERS.contains(byte);
         }
         self.ended.then_some(self.seen.len())
@@ -240,8 +240,8 @@ impl<'a> Top<'a> {
         })
     }
 
-    /// The names in a header, and what separates them: that between which the wanted names
-    /// stand. Where they do not stand there, what separates most will do to say so.
+    /// The names in a header, and what separates them: the delimiter between the wanted names.
+    /// Where they are not there, the one that separates most will do to say so.
     fn separated(&self, header: &[u8]) -> (Vec<String>, u8) {
         let splits = DELIMITERS.map(|delimiter| (split(header, delimiter), delimiter));
         let fits = splits

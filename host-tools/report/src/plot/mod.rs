@@ -6,20 +6,6 @@
 //! itself (`canvas`): it needs no system font, and a script can read values off it.
 //!
 //! The same figure gives the same bytes on every machine.
-//!
-//! # Examples
-//!
-//! ```
-//! use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
-//!
-//! let time_s: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.01).collect();
-//! let angle_deg: Vec<f64> = time_s.iter().map(|t| 60.0 * (1.0 - (-5.0 * t).exp())).collect();
-//! let figure = Figure::new("Step to 60°").with_panel(
-//!     Panel::new("time (s)", "angle (°)")
-//!         .with_series(Series::new("nominal", &time_s, &angle_deg, Style::NOMINAL)),
-//! );
-//! assert!(to_svg_string(&figure).starts_with("<svg"));
-//! ```
 
 mod axis;
 mod canvas;
@@ -296,6 +282,20 @@ impl Figure {
 }
 
 /// Draws a figure.
+///
+/// # Examples
+///
+/// ```
+/// use softrig_report::plot::{Figure, Panel, Series, Style, to_svg_string};
+///
+/// let time_s: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.01).collect();
+/// let angle_deg: Vec<f64> = time_s.iter().map(|t| 60.0 * (1.0 - (-5.0 * t).exp())).collect();
+/// let figure = Figure::new("Step to 60°").with_panel(
+///     Panel::new("time (s)", "angle (°)")
+///         .with_series(Series::new("nominal", &time_s, &angle_deg, Style::NOMINAL)),
+/// );
+/// assert!(to_svg_string(&figure).starts_with("<svg"));
+/// ```
 pub fn to_svg_string(figure: &Figure) -> String {
     drawn(figure, Medium::File, &figure.title, None)
 }

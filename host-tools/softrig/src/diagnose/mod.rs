@@ -1,4 +1,4 @@
-//! Diagnosis: which effect does a model lack?
+//! Diagnosis: which effect does a model lack? A false name is worse than "cannot tell".
 //!
 //! A row is a room, and knows only the rooms above it:
 //!
@@ -10,15 +10,9 @@
 //! | [`fit`] | structures with effects, fitted; which parameters are [determined](fit::identifiability) |
 //! | [`evidence`] | errors [held out](evidence::validation), how sure a difference is, doubts |
 //! | [`mod@decide`] | the answer, made once, as a [finding](decide::finding) and a [verdict](decide::verdict) |
-//! | [`mod@search`] | which structures are fitted, and what is left of them |
+//! | [`mod@search`] | which structures are fitted, and what is left of them; it asks the decision whether to go on |
 //! | [`experiment`] | the run that separates rivals; whether the rig stood as it is said |
 //! | [`explain`] | all of it as a [`Diagnosis`], in words and in JSON, and the [repaired model](explain::repair) |
-//!
-//! The search comes after the decision because it asks it whether to go on. A wrong parameter is
-//! not a missing effect, so that the nominal structure is refitted first; where that leaves noise, the
-//! diagnosis ends. A [budget](work::budget) can end it early: the answer then claims less.
-//!
-//! A false name is worse than "cannot tell".
 
 pub mod decide;
 pub mod evidence;
@@ -78,6 +72,10 @@ use work::progress::Stage;
 pub use work::request::Request;
 
 /// Diagnoses a model against recordings.
+///
+/// A wrong parameter is not a missing effect, so the nominal structure is refitted first; where that
+/// leaves only noise, the diagnosis ends. A [budget](work::budget) can end it early: the answer then
+/// claims less.
 ///
 /// # Errors
 ///
@@ -244,7 +242,6 @@ impl Pass {
         candidates.find_map(|it| outlying_recording(file, &fitter, it, floor))
     }
 
-    /// The answer.
     fn answer(&self, job: &Job) -> Finding {
         let policy = &policy::Policy::STANDARD;
         let Searched {
@@ -276,7 +273,7 @@ impl Pass {
             baseline,
             ..
         } = searched;
-        // Rivals of an answer that does not stand are not planned for.
+        // Nothing is planned for rivals of an answer that does not hold.
         let rivals = match finding {
             Finding::Rivals { .. } | Finding::Shape { .. } | Finding::Trace { .. } => {
                 found.rivals()
@@ -307,7 +304,7 @@ impl Pass {
             holdout_gap_closed: if adds { held_out.gap_closed() } else { 0.0 },
             exact_form: is_adequate && held_out.at_noise(),
         };
-        // What the answer stands on is said first.
+        // What the answer rests on is said first.
         let setups = turns::contradictions(file, data, refit, floor.rms, job);
         let (bent, steps) = if finding.is_quiet() {
             Default::default()

@@ -5,15 +5,7 @@
 //! noise: a vent that is faster than the pump settles below a noisy pressure, and a fit
 //! takes the bias for a second effect.
 //!
-//! Each sample is replaced by the middle of a parabola through a window around it
-//! (Savitzky and Golay, 1964). The window is as wide as the data allow: it grows until
-//! the confidence intervals no longer intersect (Goldenshluger and Nemirovski, 1997).
-//! So plateaus are averaged over many samples, and edges stay where they are.
-//!
-//! Windows of different widths do not preserve the integral exactly, and an actuator
-//! integrates the difference. So the slow part of the difference is added back: over a
-//! third of a second and longer the pressure is as measured. A pressure whose fast part
-//! is not white has no separable noise and is left unchanged.
+//! A pressure whose fast part is not white has no separable noise and is left unchanged.
 
 use crate::statistics::{agreed_noise, median};
 use softrig_formats::recording::Recording;
@@ -32,6 +24,15 @@ const GIVEN_BACK: f64 = 0.16;
 const AGREEMENT: f64 = 0.2;
 
 /// The pressure (Pa) of a recording without its white noise.
+///
+/// Each sample is replaced by the middle of a parabola through a window around it (Savitzky and
+/// Golay, 1964). The window is as wide as the data allow: it grows until the confidence intervals
+/// no longer intersect (Goldenshluger and Nemirovski, 1997). So plateaus are averaged over many
+/// samples, and edges stay where they are.
+///
+/// Windows of different widths do not preserve the integral exactly, and an actuator integrates the
+/// difference. So the slow part of the difference is added back: over a third of a second and
+/// longer the pressure is as measured.
 pub fn pressure(recording: &Recording) -> Vec<f64> {
     let values = &recording.pressure;
     let Some(noise) = white_noise(&recording.time, values) else {

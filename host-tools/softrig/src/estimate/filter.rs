@@ -3,26 +3,9 @@
 //! A free-running simulation integrates every small disturbance: swings drift out of
 //! phase, a near-integrator wanders off, and the sum of squares has many local minima.
 //! A Kalman filter corrects the simulation as it goes. One number sets how much it
-//! corrects, the process-noise intensity λ: the missing force is a random walk
-//! df = σ dW with λ = σ/r, where r is the noise of the angle. With a large λ the filter
+//! corrects, the process-noise intensity λ ([`Level`]). With a large λ the filter
 //! forgets within a few samples, and only fast dynamics are compared. With λ = 0 only the
 //! initial state is estimated: that is the output error of `problem`.
-//!
-//! The filter estimates θ, ω and f from
-//!
-//! ```text
-//! M ω̇ = g·p − C·ω − K·sign(θ)|θ|ⁿ − Q − f,   df = σ dW,   y = h(θ) + v,  v ~ N(0, r²)
-//! ```
-//!
-//! in units of r². Hidden states of effects follow the corrected motion and are not
-//! corrected themselves. Two partials of the dual numbers give the transition matrix; the
-//! others carry the derivatives of every innovation by the parameters. The gains are held
-//! constant in these derivatives: they depend on the parameters far less than the
-//! innovations do.
-//!
-//! The objective is −2 log L = N ln(Σ e²/S) + Σ ln S with r profiled out. It equals N ln
-//! of the sum of squares of e/√S times the geometric mean of all √S, so it is minimised as
-//! a sum of squares.
 
 use model_core::actuator::{Model, State};
 use nalgebra::{Matrix3, Vector3};
@@ -68,6 +51,8 @@ impl Pace {
 }
 
 /// A level of the prediction horizon.
+///
+/// The missing force is a random walk df = σ dW with λ = σ/r, where r is the noise of the angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Level {
     /// Process-noise intensity λ = σ/r (N/(rad·√s)), above zero.
@@ -140,6 +125,17 @@ pub fn pass<const N: usize>(
 /// Runs the filter over a session, and shows each step to `note`. Of the `N` partials, those
 /// from `first` on belong to the filter: one for the pressure zero if that is a variable, then
 /// two for the transition matrix. None if the simulation diverges, after the steps until then.
+///
+/// The filter estimates θ, ω and f from
+///
+/// ```text
+/// M ω̇ = g·p − C·ω − K·sign(θ)|θ|ⁿ − Q − f,   df = σ dW,   y = h(θ) + v,  v ~ N(0, r²)
+/// ```
+///
+/// in units of r². Hidden states of effects follow the corrected motion and are not corrected
+/// themselves. Two partials of the dual numbers give the transition matrix; the others carry the
+/// derivatives of every innovation by the parameters. The gains are held constant in these
+/// derivatives: they depend on the parameters far less than the innovations do.
 pub fn walk<const N: usize>(
     model: &Model<Dual<N>>,
     session: &Session,
@@ -257,6 +253,9 @@ fn response(left: f64, interval: f64) -> [f64; 2] {
 
 /// The normalised innovations e/√S (rad) of the fitted samples, one series per segment,
 /// and the mean ln S. None if the simulation diverges.
+///
+/// The objective is −2 log L = N ln(Σ e²/S) + Σ ln S with r profiled out. It equals N ln of the sum
+/// of squares of e/√S times the geometric mean of all √S, so it is minimised as a sum of squares.
 pub fn normalised(
     model: &Model<f64>,
     data: &Dataset,

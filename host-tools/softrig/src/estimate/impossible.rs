@@ -3,26 +3,11 @@
 //! A loose contact, a torn line, a converter with all bits set or a filter that holds its last
 //! value write numbers that the actuator never had. One of them is worth more to a sum of squares
 //! than a thousand good samples: the noise looks large, and every missing effect hides below it.
-//! They are found before anything else looks at a recording, by four marks, each of which asks
-//! for more than a fast motion can give:
+//! They are found before anything else looks at a recording, by marks each of which asks for more
+//! than a fast motion can give ([`cleaned`]).
 //!
-//! | mark | what shows it |
-//! |---|---|
-//! | isolated | one sample far from two neighbours on both sides, which agree with each other |
-//! | out of reach | samples beyond the range of the others by more than twice that range, entered and left in one step |
-//! | repeated | a value that comes back to its last digit, each time entered and left in one step |
-//! | frozen | a channel with noise that stays at one value to the last digit |
-//!
-//! and a channel that is slower than its rows is *held*: sampled where it changes.
-//!
-//! How far is far is measured by the recording itself: the usual distance of a sample from its
-//! neighbours (a median, which wild samples do not move), a five-hundredth of its range, and the step
-//! of its converter. A pulse of a recorded command is no fault of a sensor, and an angle that
-//! answers a pulse of the pressure is none either.
-//!
-//! Nothing is repaired silently. What is found stays in the recording's list of removed samples
-//! with the recorded values; a straight line stands in its place, so that sums over a recording
-//! keep their sense; the angle there is not fitted, and the pressure is bridged.
+//! Nothing is repaired silently: what is found stays in the recording's list of removed samples
+//! with the recorded values.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -79,6 +64,18 @@ const SHORTER: f64 = 0.02;
 const FEWEST: usize = 20;
 
 /// The recording without what no motion can reach, and the list of it.
+///
+/// | mark | what shows it |
+/// |---|---|
+/// | isolated | one sample far from two neighbours on both sides, which agree with each other |
+/// | out of reach | samples beyond the range of the others by more than twice that range, entered and left in one step |
+/// | repeated | a value that comes back to its last digit, each time entered and left in one step |
+/// | frozen | a channel with noise that stays at one value to the last digit |
+///
+/// And a channel that is slower than its rows is *held*: sampled where it changes.
+///
+/// A straight line replaces what is removed, so that sums over a recording keep their sense; the
+/// angle there is not fitted, and the pressure is bridged.
 ///
 /// # Errors
 ///
@@ -153,6 +150,11 @@ fn refuse_unbelievable(recording: &Recording) -> Result<(), InputError> {
 type Found = (Range<usize>, Why);
 
 /// A channel, with what is usual in it.
+///
+/// How far is far is measured by the recording itself: the usual distance of a sample from its
+/// neighbours (a median, which wild samples do not move), a five-hundredth of its range, and the
+/// step of its converter. A pulse of a recorded command is no fault of a sensor, and an angle that
+/// answers a pulse of the pressure is none either.
 struct Signal<'a> {
     channel: Channel,
     values: &'a [f64],

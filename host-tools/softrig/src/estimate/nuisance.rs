@@ -3,38 +3,8 @@
 //! The zeros of both sensors are never known exactly, and the initial state of a session
 //! is measured with noise. On a rig with the exponent 2.4 the stiffness vanishes at 0°,
 //! and an error of 0.3 kPa in the pressure zero moves the rest angle by 9°: a fit would
-//! distort an effect to repair it. So each session has five unknowns of its own,
-//!
-//! ```text
-//! p = p_measured − p₀        y_measured = y + b        y(0) = s − b,  ẏ(0) = r
-//! ```
-//!
-//! | symbol | quantity | prior |
-//! |---|---|---|
-//! | p₀ | zero of the pressure (Pa) | the calibration, else 0 ± 1 % of the range that was used |
-//! | b | zero of the angle (rad) | the calibration, else 0 ± 2° |
-//! | s | measured angle at the first sample (rad) | the rest, or a parabola |
-//! | r | its rate (rad/s) | the same |
-//! | h | where what creeps had settled before, from the angle at the start (rad) | 0 ± a third of the swing; after a rest, a tenth of that |
-//!
-//! A recording that was cut out of a longer one begins in mid-creep: the dashpot of a Maxwell
-//! branch is extended by θ(0) + h, not by θ(0). Without h, a creep that explains the first
-//! half of a long record says nothing about the second. A rest of unknown length before a run
-//! does not let all of a creep recover either.
-//!
-//! Each prior adds one residual to the sum of squares, (estimate − mean)/standard deviation, in
-//! units of the angle's noise. A zero beyond [`FARTHEST`] standard deviations is no error
-//! of a zero, and nothing creeps from beyond the swing: a [`wall`] keeps estimates below that,
-//! and an effect has to explain the rest.
-//!
-//! This weighs a zero against white noise. Where a model leaves a correlated error, a
-//! zero far from its mean could remove a little of that error in every sample, at the
-//! price of a few samples' noise. There a departure weighs as much as one independent
-//! sample of the model error ([`Prior::zero_weight`]).
-//!
-//! Recordings without a time of recording count as one sitting: their zeros share a
-//! common part and differ only a little ([`Shared`]). With independent zeros, twelve runs
-//! could hide a friction, which lets each run end at another angle.
+//! distort an effect to repair it. So each session has five unknowns of its own
+//! ([`Nuisance`]), each with a [`Prior`].
 
 use std::ops::Range;
 
@@ -87,6 +57,18 @@ pub const ZEROS: Range<usize> = 0..2;
 pub const PAST_PLACE: usize = 4;
 
 /// The unknowns of one session.
+///
+/// ```text
+/// p = p_measured − p₀        y_measured = y + b        y(0) = s − b,  ẏ(0) = r
+/// ```
+///
+/// | symbol | quantity | prior |
+/// |---|---|---|
+/// | p₀ | zero of the pressure (Pa) | the calibration, else 0 ± 1 % of the range that was used |
+/// | b | zero of the angle (rad) | the calibration, else 0 ± 2° |
+/// | s | measured angle at the first sample (rad) | the rest, or a parabola |
+/// | r | its rate (rad/s) | the same |
+/// | h | where what creeps had settled before, from the angle at the start (rad) | 0 ± a third of the swing; after a rest, a tenth of that |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nuisance {
     /// The zero of the pressure sensor (Pa).
@@ -96,6 +78,11 @@ pub struct Nuisance {
     /// The measured angle and its rate at the first sample.
     pub start: InitialState<f64>,
     /// Where what creeps had settled before, from the angle at the start (rad).
+    ///
+    /// h: a recording that was cut out of a longer one begins in mid-creep. The dashpot of a Maxwell
+    /// branch is extended by θ(0) + h, not by θ(0). Without h, a creep that explains the first half of
+    /// a long record says nothing about the second. A rest of unknown length before a run does not let
+    /// all of a creep recover either.
     pub past: f64,
 }
 
@@ -129,6 +116,11 @@ impl Nuisance {
 }
 
 /// The prior of a session's unknowns.
+///
+/// Each prior adds one residual to the sum of squares, (estimate − mean)/standard deviation, in
+/// units of the angle's noise. A zero beyond [`FARTHEST`] standard deviations is no error of a
+/// zero, and nothing creeps from beyond the swing: a [`wall`] keeps estimates below that, and an
+/// effect has to explain the rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Means.
@@ -143,6 +135,10 @@ pub struct Prior {
     /// Weight of one standard deviation of a zero, in units of the noise: 1, or where
     /// models leave more than noise, the RMS of the model error over the noise times the
     /// root of its correlation time in samples.
+    ///
+    /// A weight of 1 weighs a zero against white noise. Where a model leaves a correlated error, a zero
+    /// far from its mean could remove a little of that error in every sample, at the price of a few
+    /// samples' noise. There a departure weighs as much as one independent sample of the model error.
     pub zero_weight: f64,
 }
 
@@ -355,6 +351,9 @@ pub fn wall(departure: f64, samples: usize) -> [f64; 2] {
 /// ```text
 /// r_k = (z_k − c z̄)/δ,   z̄ = mean of the z_k,   c = 1 − δ/√(δ² + m (1 − δ²))
 /// ```
+///
+/// Recordings without a time of recording count as one sitting. With independent zeros, twelve runs
+/// could hide a friction, which lets each run end at another angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shared {
     /// Sessions that share the zero.

@@ -1,18 +1,9 @@
 //! Profile likelihoods: what the recordings say of one parameter, whatever the others are.
 //!
-//! A standard error takes the sum of squares for a parabola. Where a model is not linear in a
-//! parameter, or two of them can stand for each other, it is none. So the parameter is held at
-//! values beside the best one, all others are fitted again, and the rise of the sum of squares S
-//! is drawn (Venzon and Moolgavkar 1988; Raue et al. 2009):
-//!
-//! ```text
-//! Δχ²(v) = (S(v) − S(v̂)) / s²,   s² = SE² / (H⁻¹)ᵢᵢ
-//! ```
-//!
-//! H is the curvature JᵀJ at the best value, and SE the standard error of `softrig fit`, which allows
-//! for residuals that are not independent; s² makes the parabola of the profile at its foot that
-//! of SE (the adjusted profile of Pace, Salvan and Sartori 2011). Where Δχ² stays below the square
-//! of Student's 95 % point, the value agrees with the recordings.
+//! A standard error takes the sum of squares for a parabola, which is wrong where a model is not
+//! linear in a parameter, or where two of them can replace each other. So the parameter is held at
+//! values beside the best one, all others are fitted again, and the rise of the sum of squares is
+//! drawn (Venzon and Moolgavkar 1988; Raue et al. 2009).
 
 use model_core::actuator::ParameterId;
 use rayon::prelude::*;
@@ -24,6 +15,17 @@ use super::fitter::Fitter;
 const STEPS: [f64; 9] = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0];
 
 /// The profile of a parameter.
+///
+/// With S the sum of squares and v̂ the best value,
+///
+/// ```text
+/// Δχ²(v) = (S(v) − S(v̂)) / s²,   s² = SE² / (H⁻¹)ᵢᵢ
+/// ```
+///
+/// H is the curvature JᵀJ at the best value, and SE the standard error of `softrig fit`, which
+/// allows for residuals that are not independent; s² gives the profile at its foot the parabola of
+/// SE (the adjusted profile of Pace, Salvan and Sartori 2011). Where Δχ² stays below the square of
+/// Student's 95 % point, the value agrees with the recordings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
     /// The parameter.

@@ -1,21 +1,8 @@
 //! Finds the usable samples of a recording, without a model.
 //!
-//! Unusable samples are left out and reported; the rest of the recording is used.
-//!
-//! | problem | handling |
-//! |---|---|
-//! | first samples after a reset of the board | left out: the first block begins after them |
-//! | angle at the end of its range | simulated, not fitted |
-//! | recorded command at its limit (it jumps there) | used: it is known |
-//! | pressure at the end of its range, shortly | simulated as recorded; the angle is not fitted until a second after |
-//! | pressure at the end of its range, longer | cut: a new block begins after it |
-//! | short gap in time | the pressure is interpolated |
-//! | longer gap in time, and the pressure is a straight line over so long a time where it is known | the pressure is interpolated |
-//! | longer gap in time | cut: a new block begins after it |
-//! | clock that begins again | cut: a new block begins there |
-//! | clock that jitters | reported; the model is integrated with the recorded times |
-//! | block too short to show a motion | left out |
-//! | nothing left | refused |
+//! A sensor at its end, a reset or a gap in time says nothing about the actuator, and a model fitted
+//! to it would be wrong. Unusable samples are left out and reported; the rest of the recording is
+//! used.
 
 use std::cell::LazyCell;
 use std::ops::Range;
@@ -225,6 +212,21 @@ pub struct Usable {
 }
 
 /// Finds the usable samples of a recording.
+///
+/// | problem | handling |
+/// |---|---|
+/// | first samples after a reset of the board | left out: the first block begins after them |
+/// | angle at the end of its range | simulated, not fitted |
+/// | recorded command at its limit (it jumps there) | used: it is known |
+/// | pressure at the end of its range, shortly | simulated as recorded; the angle is not fitted until a second after |
+/// | pressure at the end of its range, longer | cut: a new block begins after it |
+/// | short gap in time | the pressure is interpolated |
+/// | longer gap in time, and the pressure is a straight line over so long a time where it is known | the pressure is interpolated |
+/// | longer gap in time | cut: a new block begins after it |
+/// | clock that begins again | cut: a new block begins there |
+/// | clock that jitters | reported; the model is integrated with the recorded times |
+/// | block too short to show a motion | left out |
+/// | nothing left | refused |
 ///
 /// # Errors
 ///

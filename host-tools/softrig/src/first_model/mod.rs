@@ -1,13 +1,11 @@
 //! A first model: `softrig init`.
 //!
-//! A new user has an actuator, perhaps the name of its silicone and its dimensions, and with
-//! luck one recording. [`from_recordings`] identifies the equation of motion without effects
-//! from recordings. [`from_geometry`] takes it from the table of materials and the beam
-//! formula, and guesses the rest. Each number states its source ([`Origin`]), because a guess
-//! that looks like a measurement is worse than none.
-//!
-//! The result is the starting point of `softrig diagnose`: M θ̈ + C θ̇ + K θⁿ = g p and nothing
-//! else. It works for any second-order rig with one input, whatever the columns hold: a
+//! A new user has an actuator, perhaps the name of its silicone and its dimensions, and with luck
+//! one recording. [`from_recordings`] identifies the equation of motion without effects;
+//! [`from_geometry`] takes it from the table of materials and the beam formula, and guesses the
+//! rest. Each number states its source ([`Origin`]), because a guess that looks like a measurement
+//! is worse than none. The result is the starting point of `softrig diagnose`: M θ̈ + C θ̇ + K θⁿ = g p
+//! and nothing else. It works for any second-order rig with one input, whatever the columns hold: a
 //! pendulum under a torque, a motor under a voltage.
 
 mod text;

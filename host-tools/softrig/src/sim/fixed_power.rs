@@ -1,15 +1,9 @@
 //! |θ|ⁿ for the one exponent of a simulation.
 //!
 //! A simulation raises tens of thousands of angles to the same power, and half of its time goes
-//! into `pow`, which knows nothing of that. [`FixedPower`] is prepared for the
-//! exponent once: with x = 2ᵏ m, m from 1 to 2, it is xⁿ = 2^(kn) mⁿ, a table over k times a
-//! Taylor polynomial around the nearest of 256 nodes. It is within 10⁻¹⁴ of `pow`,
-//! relatively, in half of its time, and has the logarithm that a derivative by the exponent
-//! needs from the same nodes.
-//!
-//! What is outside of the table, and what has another exponent (a user's formula may change it
-//! on the way), takes `pow` itself: where the angle decides which, never what was
-//! computed before, so that results do not depend on the order of the work.
+//! into `pow`, which knows nothing of that. [`FixedPower`] is prepared for the exponent once. It is
+//! within 10⁻¹⁴ of `pow`, relatively, in half of its time, and has the logarithm that a derivative
+//! by the exponent needs from the same nodes.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -44,6 +38,13 @@ const TERMS: usize = 6;
 type Polynomial = [f64; TERMS.next_power_of_two()];
 
 /// xⁿ for one n.
+///
+/// With x = 2ᵏ m, m from 1 to 2, it is xⁿ = 2^(kn) mⁿ, a table over k times a Taylor polynomial
+/// around the nearest of 256 nodes.
+///
+/// Outside of the table, and for another exponent (a user's formula may change it on the way), it
+/// is `pow` itself. The angle decides which, never what was computed before, so that results do not
+/// depend on the order of the work.
 #[derive(Debug)]
 pub struct FixedPower {
     exponent: f64,

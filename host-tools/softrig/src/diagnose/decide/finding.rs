@@ -49,8 +49,8 @@ pub fn are_the_same(a: &[Kind], b: &[Kind]) -> bool {
 pub struct NamedKind {
     /// The effect.
     pub kind: Kind,
-    /// Probability that a structure with it, or with an effect of which it is a special case,
-    /// is the right one of its size.
+    /// Probability that a structure with it, or with an effect that it is a special case of, is the
+    /// right one of its size.
     pub probability: f64,
 }
 
@@ -105,7 +105,7 @@ pub enum Finding {
         /// How much of the error it explains.
         strength: Strength,
     },
-    /// The budget was spent before an answer could stand.
+    /// The budget was spent before an answer could be given.
     OutOfTime {
         /// What came closest until then.
         closest: Option<Explanation>,

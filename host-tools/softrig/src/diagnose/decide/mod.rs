@@ -3,32 +3,8 @@
 //! Each fitted structure is a row of measurements ([`Scored`]); the constants are the
 //! [`Policy`]. Nothing is simulated or fitted here.
 //!
-//! 1. Of each size, the structure that leaves the least error leads, on fitted and held-out
-//!    segments together. A structure with a [`Doubt`] leads only where it leaves much less
-//!    than all others. Two effects of one family are one cause with a better formula and are
-//!    not an answer.
-//! 2. A single effect is taken if it closes a part of the error; a larger structure, if it
-//!    leaves much less than the smaller one, fitted and held out, and than each of its effects
-//!    alone. Either must hold in the
-//!    draws of a bootstrap, by its density or by its error.
-//! 3. Rivals are structures of the same size that these recordings cannot distinguish from
-//!    the leader ([`odds`]). Where something is left beyond noise, every formula is wrong a little: one
-//!    of the same family is a rival unless it leaves clearly more error. One of another
-//!    family is a rival unless it leaves clearly more error or predicts worse in the draws.
-//!    Where only noise is left, the draws decide, and no difference counts that is finer than
-//!    any angle sensor. An effect that the leader can imitate
-//!    (a dead time many lags in a row) stays a rival as long as it explains the error.
-//! 4. An effect whose special case predicts as well gives way to it. Beside one that ended as
-//!    its special case, that stays a rival if it alone would be taken.
-//! 5. If a table of the leader's own variable, added beside its formula, leaves much less error,
-//!    the variable is right and the formula is not.
-//! 6. One structure without rivals and without a doubt is named. Otherwise the answer is the
-//!    set, and the family where all share it; of what was not tried to the end, that the time was
-//!    up. Where only noise is left, or less than matters and nothing explains it, nothing is
-//!    missing.
-//!
-//! [`rank`] makes the first four steps, after which a table can be fitted beside the leader;
-//! [`decide`] gives the answer, once in a diagnosis and nowhere else.
+//! [`rank`] finds what remains of the structures, after which a table can be fitted beside the
+//! leader; [`decide`] gives the answer, once in a diagnosis and nowhere else.
 
 pub mod finding;
 pub mod verdict;
@@ -172,6 +148,13 @@ pub struct Evidence<'a> {
 }
 
 /// The answer.
+///
+/// If a table of the leader's own variable, added beside its formula, leaves much less error, the
+/// variable is right and the formula is not.
+///
+/// One structure without rivals and without a doubt is named. Otherwise the answer is the set, and
+/// the family where all share it; of what was not tried to the end, that the time was up. Where only
+/// noise is left, or less than matters and nothing explains it, nothing is missing.
 pub fn decide(evidence: &Evidence<'_>, policy: &Policy) -> Finding {
     match evidence.remains {
         Remains::Noise { refitted } => return evidence.quiet(refitted, false),
@@ -274,8 +257,8 @@ impl Evidence<'_> {
         }
     }
 
-    /// The probability of each effect: the sum over the structures of that size that hold
-    /// it, or an effect of which it is a special case.
+    /// The probability of each effect: the sum over the structures of that size that hold it, or an
+    /// effect that it is a special case of.
     fn inclusions(&self, named: impl Iterator<Item = Kind>, policy: &Policy) -> Vec<NamedKind> {
         let named: Vec<Kind> = named.collect();
         let rows = of_size(self.scored, named.len(), policy);
@@ -315,8 +298,25 @@ impl Evidence<'_> {
 }
 
 /// What remains of the structures. The refit has no effects; of several, the first counts. If not
-/// all structures of more than `tried` effects were measured, of a larger one that could be named a
-/// smaller one within it is taken in its place, if that could be named alone.
+/// all structures of more than `tried` effects were measured, a larger one that could be named
+/// gives way to a smaller one within it that could be named alone.
+///
+/// 1. Of each size, the structure that leaves the least error leads, on fitted and held-out
+///    segments together. A structure with a [`Doubt`] leads only where it leaves much less
+///    than all others. Two effects of one family are one cause with a better formula and are
+///    not an answer.
+/// 2. A single effect is taken if it closes a part of the error; a larger structure, if it
+///    leaves much less than the smaller one, fitted and held out, and than each of its effects
+///    alone. Either must hold in the draws of a bootstrap, by its density or by its error.
+/// 3. Rivals are structures of the same size that these recordings cannot distinguish from
+///    the leader ([`odds`]). Where something is left beyond noise, every formula is wrong a
+///    little: one of the same family is a rival unless it leaves clearly more error. One of
+///    another family is a rival unless it leaves clearly more error or predicts worse in the
+///    draws. Where only noise is left, the draws decide, and no difference counts that is finer
+///    than any angle sensor. An effect that the leader can imitate (a dead time many lags in a
+///    row) stays a rival as long as it explains the error.
+/// 4. An effect whose special case predicts as well gives way to it. Beside one that ended as
+///    its special case, that stays a rival if it alone would be taken.
 pub fn rank(scored: &[Scored], tried: usize, policy: &Policy) -> Ranking {
     let ranking = ranked(scored, policy);
     let Some(first) = ranking.first().filter(|_| ranking.is_firm) else {
@@ -594,15 +594,15 @@ fn cannot_be_excluded(rival: &Scored, first: &Scored, policy: &Policy) -> bool {
     ended_there || imitated
 }
 
-/// The rivals without those of which another is a special case that these recordings do not
-/// distinguish.
+/// The rivals, except those that these recordings do not distinguish from another one that is their
+/// special case.
 fn without_general_cases(
     scored: &[Scored],
     rivals: &[usize],
     leader: usize,
     policy: &Policy,
 ) -> Vec<usize> {
-    // One that would not be taken alone takes nothing's place.
+    // One that would not be taken alone replaces nothing.
     let as_good = |row: usize| {
         row == leader
             || scored[row].leaves() <= 1.0 - policy.part

@@ -1,9 +1,9 @@
-//! Forces that these recordings make one: two formulas of other letters that push alike wherever the
-//! actuator went.
+//! Forces that these recordings cannot distinguish: two different formulas that push alike wherever
+//! the actuator went.
 //!
-//! Up to 40°, θ² and 1 − cos θ are one curve. No fit tells them apart, and neither need an answer.
-//! Nor are two forces apart that differ by what the fitted base takes up: less its linear part, a
-//! slow wave sin kθ is the cube of the angle.
+//! Up to 40°, θ² and 1 − cos θ are one curve. No fit can tell them apart, and no answer needs to.
+//! The same holds for two forces whose difference the fitted base takes up: without its linear
+//! part, a slow wave sin kθ is the cube of the angle.
 
 use model_core::actuator::ParameterId;
 use model_core::catalogue::Effect;
@@ -14,12 +14,12 @@ use crate::diagnose::score::{base_along, force_along, product};
 use crate::estimate::Dataset;
 use crate::statistics::mean;
 
-/// Correlation of two forces along the recorded motion from which they are one: then 2 % of one's
-/// variance, a seventh of its size, is not the other's, and most of that the base takes up.
+/// Correlation of two forces along the recorded motion from which they count as one: then 2 % of
+/// one's variance, a seventh of its size, is not the other's, and the base takes up most of that.
 pub const ALIKE: f64 = 0.99;
 
 /// Whether the last effects of two structures push alike along the fitted recordings: by
-/// themselves, or but for what the free parameters of the base take up.
+/// themselves, or apart from what the free parameters of the base take up.
 pub fn push_alike(a: &Candidate, b: &Candidate, data: &Dataset) -> bool {
     let bases = [a, b].map(|it| it.fit.model.dynamics());
     let effects = [a, b].map(|it| it.fit.model.effects().last());

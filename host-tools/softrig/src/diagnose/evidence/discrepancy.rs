@@ -63,7 +63,7 @@ fn most_likely(residuals: &[Vec<f64>]) -> Option<(Process, f64)> {
 /// An Ornstein–Uhlenbeck process beside white noise.
 #[derive(Clone, Copy, Debug)]
 struct Process {
-    /// Ratio of its variance to that of the noise.
+    /// Ratio of its variance to the noise's.
     ratio: f64,
     /// Correlation time (samples).
     time: f64,

@@ -1,9 +1,9 @@
 //! What keeps a fitted structure from being named, however well it predicts.
 //!
-//! A formula whose parameter ran into the end of its range, or whose size may as well be
-//! zero, has been bent to follow something else. A line at a multiple of the drive's own
-//! frequency is the curve of the characteristic, and two or three swings of a sine are a
-//! curve in time. Such a structure stays in an answer set: what it stands for is real.
+//! A formula whose parameter ran into the end of its range, or whose size may as well be zero, has
+//! been bent to follow something else. A line at a multiple of the drive's own frequency is the
+//! curve of the characteristic, and two or three swings of a sine are a curve in time. Such a
+//! structure stays in an answer set: what it approximates is real.
 
 use model_core::actuator::ParameterId;
 use model_core::catalogue::Kind;
@@ -43,8 +43,8 @@ pub enum Doubt {
 }
 
 impl Doubt {
-    /// Whether it follows the shape of the recorded runs, and is no rival of an effect that
-    /// can be named.
+    /// Whether it follows the shape of the recorded runs, and is not a rival of an effect that can
+    /// be named.
     pub const fn is_of_the_runs(self) -> bool {
         matches!(self, Self::FewPeriods | Self::Drive)
     }
@@ -93,7 +93,7 @@ impl Effects<'_> {
         added.any(|kind| kind.info().doubtful.contains(&when))
     }
 
-    /// Whether one of them is no name beside another.
+    /// Whether one of the effects must not be named beside another.
     fn stand_beside_a_cause(&self) -> bool {
         let mut added = self.candidate.added.iter();
         added.any(|&kind| self.any_doubtful(Doubtful::Beside(kind)))

@@ -35,8 +35,8 @@ pub struct Draws {
     places: Vec<(usize, usize)>,
     /// Number of blocks.
     blocks: usize,
-    /// Draws the weights of the blocks. They are drawn again whenever they are asked for: over
-    /// a thousand recordings they would take more memory than the recordings.
+    /// Draws the weights of the blocks. They are drawn again whenever they are asked for: over a
+    /// thousand recordings they would need more memory than the recordings.
     random: Pcg64Mcg,
     /// Weights of every state, draw by draw.
     states: Vec<Vec<f64>>,

@@ -44,7 +44,7 @@ pub struct Fitted<'a> {
 }
 
 impl<'a> Fitted<'a> {
-    /// With the mean zeros of the sessions of `data` of which something was fitted.
+    /// With the mean zeros of the sessions of `data` that were fitted, at least in part.
     pub fn of(fit: &'a Fit, data: &Dataset) -> Self {
         let fitted = fit.nuisances.iter().enumerate();
         let of_fitted: Vec<&Nuisance> = fitted

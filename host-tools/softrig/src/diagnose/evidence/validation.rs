@@ -270,8 +270,8 @@ impl<'a> CrossValidator<'a> {
         self.floor = self.floor.max(rms);
     }
 
-    /// Spares the refits without a fold of structures that leave more than `most` (rad) where
-    /// they are fitted: they are no rivals, and one step has to do even where it leaves them worse.
+    /// Skips the leave-out refits of structures that leave more than `most` (rad) where they are
+    /// fitted: they are not rivals, and one step has to do even where it leaves them worse.
     pub fn refitting_up_to(&mut self, most: f64) {
         self.refitted_up_to = most;
     }
@@ -434,8 +434,8 @@ impl<'a> CrossValidator<'a> {
         each
     }
 
-    /// A structure without each fold. It is kept, but for so many samples that those of every
-    /// structure would take more memory than all else.
+    /// A structure without each fold. It is kept, unless there are so many samples that every
+    /// structure's would need more memory than all else.
     fn left_out(&self, candidate: &Candidate, zeros: Zeros) -> Folds {
         /// Most samples of data whose residuals are kept.
         const KEPT: usize = 300_000;
@@ -586,7 +586,7 @@ fn board_squares(data: &Dataset, fold: &LeftOut) -> Vec<f64> {
     } = validation;
     let farthest = board::farthest(data.largest_angle());
     let prepared = |stood: Placement| OnBoard::new(&stood.place(model), farthest).ok();
-    // Most sessions stand as the one before.
+    // Most sessions have the setup of the one before.
     let mut last: Option<(Placement, Option<OnBoard>)> = None;
     let mut found = residuals.clone();
     let mut places = found.iter_mut();

@@ -1,28 +1,10 @@
 //! Plans the next experiment: the run that best separates the remaining rivals.
 //!
-//! Every named protocol of the board, and families of steps, ramps, small reversals, holds
-//! and multisines within the limits, are simulated with each rival, and where one of them is a
-//! weight, once more on a base that is turned by 90° one way or the other: no pressure tells a
-//! weight from a spring, and a person would turn the rig. Where one of them is a lag of the air,
-//! they are simulated with a longer tube, if it is known how long it was; with twice the load, if
-//! one hung at the tip before and its lever is known; where one is a loss by
-//! the first stretch, after a rest, which everything else forgets. What the angle sensor does not
-//! show is no evidence. With rival A taken as
-//! true, rival B is refitted within the information of the existing recordings. Its
-//! remaining error, in units of the noise, is the expected evidence of the run
-//! (T-optimality: Atkinson and Fedorov 1975):
-//!
-//! ```text
-//! Δχ² = min over dp, dz of |δ − J dp − N dz|²/σ² + dpᵀ Λ dp + Σ (dz/s)²,   δ = y_A − y_B
-//! ```
-//!
-//! with J the derivatives of B's run by its parameters and Λ the information matrix of the
-//! existing recordings (a profile likelihood to second order). The zeros of both sensors and
-//! the initial state are estimated in every fit, so differences that they can compensate are
-//! no evidence: N are the derivatives of B's run by them, and s their prior standard
-//! deviations ([`Prior`]). Nor is what the sensor's own curve can be off: a square and a cubic
-//! of the angle, each known to a share of the range. The smaller evidence of both directions
-//! counts.
+//! Candidate runs are simulated with each rival. Where another setup of the rig changes what a rival
+//! says, they are simulated for that too: no pressure tells a weight from a spring, and a person
+//! would turn the rig. With rival A taken as true, rival B is refitted within the information of the
+//! existing recordings. Its remaining error, in units of the noise, is the expected evidence of the
+//! run (T-optimality: Atkinson and Fedorov 1975).
 
 use std::cmp::Ordering;
 
@@ -55,7 +37,7 @@ const BEYOND_DOUBT: f64 = 5.0 * VERY_STRONG;
 /// The share of a run that the angle sensor has to show for a person to call it a recording.
 const SEEN: f64 = 0.9;
 
-/// Minutes that any run takes beside its own time: to start it and to look at it.
+/// Minutes that any run needs beside its own time: to start it and to look at it.
 const ANY_RUN_MIN: f64 = 1.0;
 
 /// Minutes to turn the base.
@@ -79,7 +61,7 @@ const HEAVIER: f64 = 2.0;
 /// How long a rest is proposed (s): a person has a coffee, and the bench cools down.
 const REST_S: f64 = 600.0;
 
-/// Minutes of work and waiting that a run takes.
+/// Minutes of work and waiting that a run needs.
 pub fn work_min(protocol: &ProtocolFile) -> f64 {
     let setup = &protocol.setup;
     let each = [
@@ -112,7 +94,7 @@ pub struct Limits {
     pub tube_mm: Option<f64>,
     /// How far the actuator was bent so far (rad).
     pub stretched_rad: f64,
-    /// The largest load that hung at its tip so far (g), so that its lever is known; none where
+    /// The largest load that hung at its tip so far (g), so that its lever is known; none if
     /// nothing did.
     pub load_g: Option<f64>,
 }
@@ -158,10 +140,10 @@ impl Default for Limits {
 /// A proposed run with its expected evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposal {
-    /// The run, and how the rig is to stand for it.
+    /// The run, and the setup of the rig for it.
     pub protocol: ProtocolFile,
-    /// The pair of rivals that it separates least of those that it tells apart, by index; where it
-    /// tells none, the one that it separates most.
+    /// By index, the pair of rivals that it separates least among those that it tells apart; if it
+    /// tells none apart, the pair that it separates most.
     pub separates: (usize, usize),
     /// Expected evidence about that pair (twice a log-likelihood ratio).
     pub evidence: f64,
@@ -169,10 +151,12 @@ pub struct Proposal {
     pub decides: bool,
 }
 
-/// Ranks runs that separate `rivals`, best first: those that are expected to tell a pair of them,
-/// of these the ones that the angle sensor shows, then by how many pairs are told in a minute of
-/// work ([`work_min`]). Where none is told, by the evidence about all pairs in a minute. `noise`
-/// is the standard deviation of the measured angle (rad).
+/// Ranks runs that separate `rivals`, best first: runs that are expected to tell a pair of them
+/// apart, among these the ones that the angle sensor shows, then by the pairs told apart per minute
+/// of work ([`work_min`]). Where no pair is, by the evidence about all pairs per minute. `noise` is
+/// the standard deviation of the measured angle (rad).
+///
+/// The smaller evidence of both directions, either rival taken as true, counts.
 pub fn proposals(
     nominal: &Model<f64>,
     rivals: &[Candidate],
@@ -297,6 +281,11 @@ impl Rank {
 }
 
 /// How the rig could stand: as it does, and changed where that changes what a rival says.
+///
+/// Where one of the rivals is a weight, on a base that is turned by 90° one way or the other. Where
+/// one is a lag of the air, with a longer tube, if it is known how long it was; with twice the load,
+/// if one hung at the tip before and its lever is known; where one is a loss by the first stretch,
+/// after a rest, which everything else forgets.
 fn setups(rivals: &[Candidate], limits: &Limits) -> Vec<Setup> {
     /// A quarter of a turn (°), one way and the other: the weight pulls most at the zero of the
     /// angle, and the actuator sags where its sensor sees it or where it does not.
@@ -454,6 +443,17 @@ impl PredictedRun {
 /// The remaining error of a rival against the assumed truth, after its parameters, zeros
 /// and initial angle are refitted within their priors. Angles that the sensor does not show
 /// (rad) count for nothing.
+///
+/// ```text
+/// Δχ² = min over dp, dz of |δ − J dp − N dz|²/σ² + dpᵀ Λ dp + Σ (dz/s)²,   δ = y_A − y_B
+/// ```
+///
+/// with J the derivatives of B's run by its parameters and Λ the information matrix of the existing
+/// recordings (a profile likelihood to second order). The zeros of both sensors and the initial
+/// state are estimated in every fit, so differences that they can compensate are no evidence: N are
+/// the derivatives of B's run by them, and s their prior standard deviations ([`Prior`]). Nor is
+/// what the sensor's own curve can be off: a square and a cubic of the angle, each known to a share
+/// of the range.
 fn missed(
     truth: &PredictedRun,
     rival: &PredictedRun,
@@ -537,6 +537,8 @@ fn drive(protocol: &ProtocolFile, nominal: &Model<f64>, limits: &Limits) -> Opti
 }
 
 /// The candidate runs: the named protocols of every board, and families of others.
+///
+/// Families of steps, ramps, small reversals, holds and multisines, within the limits.
 pub fn protocols(limits: &Limits) -> Vec<ProtocolFile> {
     let mut list: Vec<ProtocolFile> = Named::ALL
         .iter()

@@ -24,8 +24,8 @@ use crate::estimate::usable::{Concern, Matter};
 use crate::estimate::{Dataset, Session};
 use softrig_formats::model_file::ModelFile;
 
-/// Share of the error that a reading of the setup leaves at most to contradict the one that is
-/// said: a weight that pulls the wrong way leaves more than no weight.
+/// A setup contradicts the stated one if it leaves at most this share of its error: a weight that
+/// pulls the wrong way leaves more than no weight.
 const CONTRADICTS: f64 = 0.5;
 
 /// The sessions that contradict their setup, where one of them is said to be turned. What is
@@ -117,7 +117,7 @@ fn with_weight(
     finite.reduce(f64::min).ok_or(Unfitted::Diverged)
 }
 
-/// Sessions of which the same is said.
+/// Sessions with the same stated tilt.
 struct Group {
     /// The tilt that is said (°); none where nothing is said.
     said: Option<f64>,
@@ -125,8 +125,8 @@ struct Group {
     sessions: Range<usize>,
 }
 
-/// Sittings, which are sessions one after the other of which the same is said, and each session
-/// of a sitting on its own.
+/// Sittings, which are consecutive sessions with the same stated tilt, and each session of a
+/// sitting on its own.
 fn groups(data: &Dataset) -> Vec<Group> {
     let tilt = |session: &Session| session.recording().meta.setup.as_ref()?.tilt_deg;
     let said: Vec<Option<f64>> = data.sessions().iter().map(|it| tilt(it)).collect();
@@ -135,7 +135,7 @@ fn groups(data: &Dataset) -> Vec<Group> {
     for sitting in said.chunk_by(|a, b| a == b) {
         let members = begin..begin + sitting.len();
         begin = members.end;
-        // Of one that is said to stand as it stood nothing else is to be supposed.
+        // Where the base is said not to have been turned, nothing else is supposed.
         if sitting[0] == Some(0.0) {
             continue;
         }

@@ -31,8 +31,8 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// A structure fitted by output error, of which the last `count` effects were added. Their
-    /// names are those of the fitted model, so that none carries another's parameters.
+    /// A structure fitted by output error whose last `count` effects were added. Their names are
+    /// those of the fitted model, so that none carries another's parameters.
     pub fn of(count: usize, fit: Fit) -> Self {
         let kinds: Vec<Kind> = fit.model.effects().map(|effect| effect.kind()).collect();
         Self {

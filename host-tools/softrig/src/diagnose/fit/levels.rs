@@ -411,7 +411,7 @@ impl<'a> Shortlist<'a> {
     }
 }
 
-/// A model with its last effects in the order `added`; none if it has not exactly these.
+/// A model with its last effects in the order `added`; none if it does not have exactly these.
 fn in_order(model: &Model<f64>, added: &[Kind]) -> Option<Model<f64>> {
     let mut effects: Vec<Effect<f64>> = model.effects().collect();
     let last = effects.split_off(effects.len().checked_sub(added.len())?);

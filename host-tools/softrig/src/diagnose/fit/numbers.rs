@@ -39,8 +39,9 @@ const IMITATES: [(ParameterId, [&str; 2]); 3] = [
     ),
 ];
 
-/// Concerns about parameters of the refit that are far from those of the model file. Only ratios of
-/// the parameters show where no inertia does: what all of them share is no concern.
+/// Concerns about parameters of the refit that are far from those of the model file. Where the
+/// inertia does not show, only ratios of the parameters do: a factor that all of them share is not
+/// a concern.
 pub fn far_numbers(file: &ModelFile, refit: &Fit) -> Vec<Concern> {
     let logarithm = |id: ParameterId| -> Option<f64> {
         let ratio = refit.model.value(id)? / file.model.value(id)?;

@@ -1,4 +1,4 @@
-//! The part of the recordings that a time is enough for.
+//! The part of the recordings that the time is enough for.
 //!
 //! A budget in time leaves out parts of the search, which is of no use where it is too short
 //! for the first fit: hours of samples, for a model with five parameters. A full search on some
@@ -18,8 +18,8 @@ use crate::estimate::fitter::Fitter;
 use crate::estimate::usable::{Concern, Matter};
 use softrig_formats::instant::Instant;
 
-/// Simulations of all samples, with derivatives, that a diagnosis takes, in those of the model
-/// as it is: some thirty effects with a few starts of a dozen steps and the validation of the
+/// Simulations of all samples, with derivatives, that a diagnosis needs, in units of one of the
+/// model as it is: some thirty effects with a few starts of a dozen steps and the validation of the
 /// best, and a stiff one (dry friction) takes ten times as long as the model without it.
 const SIMULATIONS: f64 = 5_000.0;
 

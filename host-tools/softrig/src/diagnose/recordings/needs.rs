@@ -36,7 +36,7 @@ pub struct Shown {
 }
 
 impl Shown {
-    /// By the sessions of which something is fitted.
+    /// By the sessions that are fitted, at least in part.
     pub fn by(data: &Dataset) -> Self {
         /// Least change of a pressure (Pa).
         const CHANGES: f64 = 1.0;
@@ -67,14 +67,14 @@ impl Shown {
     }
 }
 
-/// Whether an actuator is loaded a second time in a session of which something is fitted:
-/// its angle goes, comes back and goes again.
+/// Whether an actuator is loaded a second time in a session that is fitted at least in part: its
+/// angle goes, comes back and goes again.
 pub fn is_loaded_again(data: &Dataset) -> bool {
     let largest = largest_swing(data);
     fitted_sessions(data).any(|run| legs(&run.time, &run.angle, largest) >= 3)
 }
 
-/// The sessions of which something is fitted.
+/// The sessions that are fitted, at least in part.
 fn fitted_sessions(data: &Dataset) -> impl Iterator<Item = &Recording> {
     let sessions = data.sessions().iter().enumerate();
     sessions
@@ -82,7 +82,7 @@ fn fitted_sessions(data: &Dataset) -> impl Iterator<Item = &Recording> {
         .map(|(_, session)| session.recording())
 }
 
-/// The largest swing of the angle in a session of which something is fitted (rad).
+/// The largest swing of the angle in a session that is fitted at least in part (rad).
 fn largest_swing(data: &Dataset) -> f64 {
     fitted_sessions(data)
         .map(|run| swing(&run.angle))

@@ -118,7 +118,7 @@ impl NoiseFloor {
         self.with_white(white)
     }
 
-    /// The floor, if a structure leaves so much (rad): the noise is not more.
+    /// The floor if a structure leaves this error (rad): the noise is not more.
     #[must_use]
     pub fn at_most(self, left: f64) -> Self {
         Self {
@@ -160,10 +160,9 @@ impl NoiseFloor {
         }
     }
 
-    /// Raises the floor to the standard deviation of a fit's residuals (one series per
-    /// recording) between repeats, which no model driven by the same pressure can explain.
-    /// Repeats that differ by far more than the sensor's noise have different histories,
-    /// which is no noise.
+    /// Raises the floor to the standard deviation of a fit's residuals (one series per recording)
+    /// between repeats, which no model driven by the same pressure can explain. Repeats that differ
+    /// by far more than the sensor's noise have different histories, which is not noise.
     pub fn with_repeats(self, residuals: &[Vec<f64>]) -> Self {
         /// Largest multiple of the sensor's noise that counts.
         const MOST: f64 = 2.0;
@@ -219,7 +218,7 @@ impl NoiseFloor {
                 sum / fitter.data.samples().max(1) as f64
             }));
             let error = standard_deviation(&squares) / (squares.len() as f64).sqrt();
-            // Of a sum of squares with the floor, what is much smaller hardly counts.
+            // In a sum of squares with the floor, a much smaller term hardly counts.
             let known = mean(&squares).max(SMALL * self.rms * self.rms);
             let is_beyond = mean(&squares) - 3.0 * error > self.rms * self.rms;
             if is_beyond || error <= 2.0 * INPUT_ACCURACY * known {
@@ -352,8 +351,8 @@ impl<'a> NoisyRun<'a> {
     }
 }
 
-/// Standard deviation (rad) in the initial rests of recordings, about a straight line
-/// through each: creep from the run before is no noise.
+/// Standard deviation (rad) in the initial rests of recordings, about a straight line through each:
+/// creep from the run before is not noise.
 fn noise_at_rest(recordings: &[Recording]) -> Option<f64> {
     /// Fewest samples of a rest.
     const FEWEST: usize = 30;

@@ -3,17 +3,6 @@
 //! A diagnosis of damaged recordings names a wrong cause with great confidence. So they
 //! are examined first. Problems that can be handled are handled and reported; otherwise
 //! the recording is refused, with what to record instead.
-//!
-//! | problem | handling |
-//! |---|---|
-//! | too short to leave a part out | refused |
-//! | no motion in any recording, or hardly any samples | refused |
-//! | no motion in one of them | reported |
-//! | units mixed up, columns exchanged | refused, with the flags that mend it ([`crate::estimate::unit_errors`]) |
-//! | sensor at the end of its range, gaps, jitter, a reset | unusable samples are left out and reported ([`crate::estimate::usable`]) |
-//! | moved by hand at first | used from the release on ([`crate::estimate::let_go`]) |
-//! | another actuator among the recordings | left out, and named |
-//! | no repeats, short runs | reported |
 
 use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::statistics::{moves, swing};
@@ -23,6 +12,17 @@ use softrig_formats::recording::Recording;
 pub use crate::estimate::usable::{Concern, Matter};
 
 /// Examines the usable runs before anything is fitted.
+///
+/// | problem | handling |
+/// |---|---|
+/// | too short to leave a part out | refused |
+/// | no motion in any recording, or hardly any samples | refused |
+/// | no motion in one of them | reported |
+/// | units mixed up, columns exchanged | refused, with the flags that mend it ([`crate::estimate::unit_errors`]) |
+/// | sensor at the end of its range, gaps, jitter, a reset | unusable samples are left out and reported ([`crate::estimate::usable`]) |
+/// | moved by hand at first | used from the release on ([`crate::estimate::let_go`]) |
+/// | another actuator among the recordings | left out, and named |
+/// | no repeats, short runs | reported |
 ///
 /// # Errors
 ///

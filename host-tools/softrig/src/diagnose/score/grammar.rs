@@ -1,23 +1,9 @@
 //! The grammar of one term: a force that no effect of the catalogue makes.
 //!
 //! A catalogue ends somewhere, and a lab's actuator does not care where. What is missing is then
-//! looked for as one term
-//!
-//! ```text
-//! Q = c f(θ) h(p)          elastic: a static curve of the angle, by itself or with the pressure
-//! Q = c m(θ or p) g(ω)     dissipative: damping or friction that grows with angle or pressure
-//! Q = (a + b m) g(ω)       the same with a part that is always there
-//! Q = c e^{−t/τ} f(θ) h(p) what passes while the rig warms up
-//! Q = c (f − z), ż = (f − z)/τ what relaxes, of the angle or the pressure
-//! Q = c z g(ω or θ)        damping, friction or stiffness by what was before
-//! ```
-//!
-//! of factors that an engineer can read. Every term keeps its dimensions: its size has a unit, and
-//! what opposes the motion cannot drive it (its sizes are not negative, m and g have one sign).
-//! A term is an effect by a formula ([`Formulated`]): it is simulated, fitted, judged, written and
-//! exported as one of the user's own. Terms that the catalogue has are left out where it is tried.
-//!
-//! The last two have a memory z, a hidden state that follows the angle, the pressure or the speed.
+//! looked for as one term of factors that an engineer can read ([`terms`]). A term is an effect by a
+//! formula ([`Formulated`]): it is simulated, fitted, judged, written and exported as one of the
+//! user's own.
 //!
 //! Ranges of frequencies, thresholds and times go with the size of the recordings, in half decades,
 //! so that two rigs of one size have the same terms.
@@ -368,6 +354,20 @@ fn pasts(sizes: Sizes) -> Vec<Factor> {
 
 /// The terms that recordings of this size are searched for, without those that an effect of
 /// `tried` is.
+///
+/// ```text
+/// Q = c f(θ) h(p)          elastic: a static curve of the angle, by itself or with the pressure
+/// Q = c m(θ or p) g(ω)     dissipative: damping or friction that grows with angle or pressure
+/// Q = (a + b m) g(ω)       the same with a part that is always there
+/// Q = c e^{−t/τ} f(θ) h(p) what passes while the rig warms up
+/// Q = c (f − z), ż = (f − z)/τ what relaxes, of the angle or the pressure
+/// Q = c z g(ω or θ)        damping, friction or stiffness by what was before
+/// ```
+///
+/// The last two have a memory z, a hidden state that follows the angle, the pressure or the speed.
+///
+/// Every term keeps its dimensions: its size has a unit, and what opposes the motion cannot drive
+/// it (its sizes are not negative, m and g have one sign).
 pub fn terms(scales: &Scales, tried: &[Kind]) -> Vec<Kind> {
     terms_of(Sizes::of(scales), tried)
 }

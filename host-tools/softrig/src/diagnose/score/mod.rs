@@ -4,20 +4,10 @@
 //! rigs. The base model's own Kalman filter ([`mod@crate::estimate::filter`]) suggests one. It
 //! gives the smoothed motion, along which an effect with its hidden states can be evaluated
 //! without simulating anything: the force that it adds, and what it changes in the reading of
-//! the sensor. To first order both move the innovations by what the filter makes of them, a
-//! linear recursion over its transitions and gains. Then
+//! the sensor.
 //!
-//! ```text
-//! −e = a D(effect) + ΔC D(ω) + ΔK D(sign(θ)|θ|ⁿ) − Δg D(p) + d D(1) + b D(reading)
-//! ```
-//!
-//! is linear in the sizes a of the effect, in the changes of the base parameters and in the
-//! zeros, which least squares give. The effect's other parameters (an angle, a time constant)
-//! are tried over a grid in the scales of the recordings.
-//!
-//! At the most likely random force the filter takes up whatever is slow: the innovations are
-//! ranked in two [`VIEWS`] with less of it. Scores rank and start fits. They are no evidence: what
-//! is left of the innovations is far from white.
+//! Scores rank and start fits. They are no evidence: what is left of the innovations is far from
+//! white.
 
 pub mod grammar;
 pub mod localise;
@@ -76,7 +66,7 @@ const LARGEST_CHANGE: f64 = 5.0;
 /// First samples of a session, in which the filter finds its way.
 const SETTLING: usize = 3;
 
-/// Innovations beyond so many standard deviations count less (Huber).
+/// Innovations beyond this many standard deviations count less (Huber).
 const OUTLIER: f64 = 3.0;
 
 /// With how much of the most likely random force the innovations are seen, and which samples.
@@ -91,6 +81,9 @@ struct View {
 
 /// A thousandth sees what is slow; a few hundredths of it, while the angle moves, friction. With all
 /// of it the filter follows the motion, so that a size is right however large the effect is.
+///
+/// At the most likely random force the filter takes up whatever is slow, so the innovations are
+/// ranked in two views with less of it.
 const VIEWS: [View; 3] = [
     View {
         share: 1e-3,
@@ -110,6 +103,17 @@ const VIEWS: [View; 3] = [
 const RANKING: usize = 2;
 
 /// The guesses of every effect.
+///
+/// To first order, the force of an effect and its change of the reading move the innovations e by
+/// what the filter makes of them, D: a linear recursion over its transitions and gains. Then
+///
+/// ```text
+/// −e = a D(effect) + ΔC D(ω) + ΔK D(sign(θ)|θ|ⁿ) − Δg D(p) + d D(1) + b D(reading)
+/// ```
+///
+/// is linear in the sizes a of the effect, in the changes of the base parameters and in the zeros,
+/// which least squares give. The effect's other parameters (an angle, a time constant) are tried
+/// over a grid in the scales of the recordings.
 #[derive(Clone, Debug, Default)]
 pub struct Guesses {
     each: Vec<(Kind, Vec<Guess>)>,
@@ -308,7 +312,7 @@ impl Basis {
         })
     }
 
-    /// Whether its base is that of another, as far as a start of a fit is concerned.
+    /// Whether its base is like another's, as far as the start of a fit is concerned.
     fn is_like(&self, other: &Self) -> bool {
         /// Largest ratio of their parameters.
         const ALIKE: f64 = 1.5;
@@ -677,8 +681,8 @@ impl Tracks {
     }
 }
 
-/// The parameters of an effect with the sizes of a solution; none where a force has a sign that
-/// it cannot have. What is no force goes to the edge of its range.
+/// The parameters of an effect with the sizes of a solution; none where a force has a sign that it
+/// cannot have. A size that is not a force goes to the edge of its range.
 fn sized(kind: Kind, values: &[f64], sizes: &[usize], solution: &DVector<f64>) -> Option<Vec<f64>> {
     let mut sized = values.to_vec();
     for (&place, factor) in sizes.iter().zip(solution.iter().skip(BASE)) {
@@ -741,7 +745,8 @@ pub(crate) fn product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Whole sessions at even distances in the list, of so many samples; all stay in their places.
+/// Whole sessions at even distances in the list, with about `enough` samples; all stay in their
+/// places.
 fn part(data: &Dataset, enough: usize) -> Dataset {
     let samples: usize = data.fitted().map(|it| it.recording.len()).sum();
     let stride = samples.div_ceil(enough).max(1);

@@ -123,7 +123,7 @@ impl StepGap {
     }
 }
 
-/// The features of which most steps differ in one direction, by more than the noise (rad) hides.
+/// The features in which most steps differ in one direction, by more than the noise (rad) hides.
 pub fn step_gaps(data: &Dataset, refit: &Fit, noise: f64) -> Vec<StepGap> {
     let mut steps: Vec<[Step; 2]> = Vec::new();
     let least = data.largest_angle() * LEAST_STEP;
@@ -133,7 +133,7 @@ pub fn step_gaps(data: &Dataset, refit: &Fit, noise: f64) -> Vec<StepGap> {
         let simulated: Vec<f64> = measured.iter().zip(residual).map(|(y, e)| y + e).collect();
         let edges = edges(recording);
         let ends = edges.iter().skip(1).copied().chain([measured.len()]);
-        // The first is the begin of the recording.
+        // The first is the start of the recording.
         for (from, to) in edges.iter().copied().zip(ends).skip(1) {
             let time = &recording.time[from..to.min(recording.time.len())];
             let of = |series: &[f64]| Step::of(time, series, from, noise, least);
@@ -149,7 +149,8 @@ pub fn step_gaps(data: &Dataset, refit: &Fit, noise: f64) -> Vec<StepGap> {
 /// Least step, as a share of the largest angle.
 const LEAST_STEP: f64 = 0.1;
 
-/// Most that the last fifth of a step moves, as a share of it: what has not come to rest has none.
+/// Most that the last fifth of a step moves, as a share of it: beyond it a step has not come to
+/// rest.
 const MOVES: f64 = 0.2;
 
 /// Least samples of a step.
@@ -158,7 +159,7 @@ const LEAST_SAMPLES: usize = 40;
 /// Least share of steps that differ in one direction.
 const ALIKE: f64 = 0.75;
 
-/// A step as it was measured, or as it is simulated; what cannot be read is none.
+/// A step as it was measured, or as it is simulated; none for what cannot be read.
 struct Step {
     values: [Option<f64>; StepFeature::ALL.len()],
 }

@@ -26,8 +26,8 @@ const FINISHED: usize = 12;
 /// no final fit, except those shown as rivals.
 pub const HOPELESS: f64 = 6.0;
 
-/// Effects that are fitted first: the first four of each view of the score. Of 81 drawn cases and
-/// 54 sessions nine of ten had theirs among so many.
+/// Effects that are fitted first: the first four of each view of the score. In nine of ten of 81
+/// drawn cases and 54 sessions, the effect was among this many.
 const LEADING: usize = 8;
 
 /// Number of rivals that get a final fit in any case.
@@ -90,7 +90,8 @@ impl Singles {
             })
             .inspect(|candidate| executor.job().progress.offer(candidate.so_far()))
             .collect();
-        // Of two fits of an effect the better one counts, and what was made of the other goes.
+        // Of two fits of an effect the better one counts, and what was made of the other is
+        // dropped.
         for candidate in fitted {
             let known = self
                 .coarse

@@ -180,7 +180,7 @@ fn leaves(undone: &BTreeSet<SearchPart>) -> Coverage {
     }
 }
 
-/// The largest size of which every structure was tried.
+/// The largest size whose structures were all tried.
 pub fn tried_sizes(undone: &BTreeSet<SearchPart>) -> usize {
     match leaves(undone) {
         Coverage::Some => 0,

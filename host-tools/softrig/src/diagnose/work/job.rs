@@ -1,5 +1,5 @@
-//! A diagnosis at work, as whoever has asked for it sees it: how long it may go on
-//! ([`Allowance`]), how far it is ([`Progress`]), and who is told.
+//! A diagnosis at work, as its caller sees it: how long it may go on ([`Allowance`]), how far it is
+//! ([`Progress`]), and who is told.
 //!
 //! A caller who shows nothing and sets no limit passes `&Job::default()`.
 

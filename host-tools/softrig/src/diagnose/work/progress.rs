@@ -1,4 +1,4 @@
-//! How far a diagnosis is, for whoever waits for it.
+//! How far a diagnosis is, for those who wait for it.
 //!
 //! A [`Progress`] only reports: nothing asks it whether to go on. The
 //! number of further fits is known for the present step only, because the outcome of single
@@ -176,7 +176,7 @@ pub struct State {
     pub elapsed: Duration,
     /// Time since the beginning of the present step.
     pub in_step: Duration,
-    /// Share of the whole that is done, by what stages usually take: it never falls but where a
+    /// Share of the whole that is done, by what stages usually take: it never falls, except where a
     /// diagnosis begins again.
     pub share: f64,
     /// What is known before that.

@@ -51,8 +51,8 @@ impl<'a> Request<'a> {
     ///
     /// # Errors
     ///
-    /// Refuses a number of starts that is not that of the recordings, and a recording of which
-    /// nothing is left to be scored.
+    /// Refuses a number of starts that differs from the number of recordings, and a recording with
+    /// nothing left to be scored.
     pub fn tests(&self) -> Result<Vec<(&'a Recording, StartFrom)>, InputError> {
         let starts = self.start_from;
         if ![0, 1, self.holdout.len()].contains(&starts.len()) {

@@ -6,10 +6,6 @@
 //! recordings, over all time scales that these can show, and from their plateaus
 //! ([`statics`]). All are ranked on a subsample, a few fitted there, the best fitted to
 //! everything. `softrig init`, `softrig fit` and `softrig diagnose` get the same model from it.
-//!
-//! A rig whose inertia does not show (most soft actuators: they creep, rather than swing)
-//! determines only the ratios of C, K and g. There the damping is held at a value beside
-//! which the inertia vanishes ([`Order::First`]), and the others keep their meaning.
 
 mod remarks;
 pub(crate) mod rest;
@@ -75,6 +71,10 @@ const WORTH: f64 = 4.0;
 const LARGEST_WORTH: f64 = 0.02;
 
 /// How many derivatives of the angle the recordings show.
+///
+/// A rig whose inertia does not show (most soft actuators: they creep, rather than swing)
+/// determines only the ratios of C, K and g. There the damping is held at a value beside which the
+/// inertia vanishes ([`Order::First`]), and the others keep their meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
     /// The inertia does not show: C θ̇ + K sign(θ)|θ|ⁿ = g p.
