@@ -27,7 +27,7 @@ pub struct Comparison {
     /// The runs by set-point.
     pub groups: Vec<Repeats>,
     /// The models.
-    pub models: Vec<Compared>,
+    pub models: Vec<ComparedModel>,
 }
 
 impl Comparison {
@@ -36,9 +36,9 @@ impl Comparison {
     pub fn of(files: &[ModelFile], data: &Dataset, linear: bool) -> Self {
         let runs = data.recordings(true);
         let groups = groups(&runs);
-        let mut models: Vec<Compared> = files
+        let mut models: Vec<ComparedModel> = files
             .iter()
-            .map(|file| Compared::of(name_of(file, files), &file.model, data, &groups))
+            .map(|file| ComparedModel::of(name_of(file, files), &file.model, data, &groups))
             .collect();
         if let Some(first) = files.first().filter(|_| linear) {
             let rival = linear_rival(&first.model, data.largest_angle());
@@ -51,9 +51,9 @@ impl Comparison {
                 .collect();
             let fitted = fitter.fit(&rival, &free, Effort::Full);
             let name = "linear rival, refitted".to_owned();
-            models.push(Compared {
+            models.push(ComparedModel {
                 is_rival: true,
-                ..Compared::of(name, &fitted.model, data, &groups)
+                ..ComparedModel::of(name, &fitted.model, data, &groups)
             });
         }
         Self {
@@ -81,7 +81,7 @@ impl Comparison {
             .map(|run| prediction.residual(run))
             .collect::<Result<_, _>>()?;
         let name = prediction.column.clone();
-        let compared = Compared::of_residuals(name, residuals, &self.groups);
+        let compared = ComparedModel::of_residuals(name, residuals, &self.groups);
         self.models.push(compared);
         Ok(self)
     }
@@ -144,7 +144,7 @@ pub struct ModelError {
 
 /// A model beside the recordings.
 #[derive(Clone, Debug)]
-pub struct Compared {
+pub struct ComparedModel {
     /// Its name.
     pub name: String,
     /// Simulated minus measured angle (rad), one series per run.
@@ -155,7 +155,7 @@ pub struct Compared {
     pub is_rival: bool,
 }
 
-impl Compared {
+impl ComparedModel {
     /// Simulates the model over the sessions.
     fn of(name: String, model: &Model<f64>, data: &Dataset, groups: &[Repeats]) -> Self {
         let residuals = Fitter::new(model, data).compare(model).residuals;

@@ -15,7 +15,7 @@ use super::output::{self, FileKind, Output};
 use softrig::diagnose::Job;
 use softrig::diagnose::experiment::plan::{Limits, Proposal, proposals, work_min};
 use softrig::diagnose::fit::candidates::{Candidate, typical};
-use softrig::diagnose::fit::identifiability::{self, Refitted};
+use softrig::diagnose::fit::identifiability::{self, NominalRefit};
 use softrig::diagnose::fit::structures;
 use softrig::diagnose::recordings::noise::NoiseFloor;
 use softrig::diagnose::score::grammar::{PREFIX, terms};
@@ -453,13 +453,14 @@ fn fitted(
 ) -> Result<Vec<Candidate>, InputError> {
     let data = assemble(recordings, &[])?.data.knowing(&file.within);
     let given = Fitter::new(&file.model, &data);
-    let Refitted { refit, file, .. } = identifiability::refit(file, &given).ok_or_else(|| {
-        InputError::new(
-            "the model cannot be simulated over these recordings: it diverges",
-            "check units and signs of its parameters",
-        )
-        .in_file(&file.path)
-    })?;
+    let NominalRefit { refit, file, .. } =
+        identifiability::refit(file, &given).ok_or_else(|| {
+            InputError::new(
+                "the model cannot be simulated over these recordings: it diverges",
+                "check units and signs of its parameters",
+            )
+            .in_file(&file.path)
+        })?;
     let (job, checkpoint) = (Job::default(), Checkpoint::default());
     let executor = Executor::new(&job, &checkpoint);
     pair.iter()

@@ -23,7 +23,7 @@ use softrig_formats::terminal::remark;
 use softrig_link::line::command_text;
 use softrig_link::record::session::{self, Attendant, ENDLESS, Plan, about, load_commands};
 use softrig_link::record::{
-    Disk, LoggedSample, Recorded, Recorder, Step, meta_path, run_path, steps,
+    Disk, LoggedSample, Recorder, RecordingOutcome, Step, meta_path, run_path, steps,
 };
 use softrig_link::rig_file::{RigFile, board_name, rig_file};
 use softrig_link::{Event, Link, SerialConnector};
@@ -168,7 +168,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         &mut terminal,
     );
     terminal.stage.finish();
-    let Recorded {
+    let RecordingOutcome {
         mut text,
         has_moved,
     } = recorded?;

@@ -4,7 +4,7 @@ use minijinja::value::Serde;
 use minijinja::{Environment, UndefinedBehavior};
 use schemars::JsonSchema;
 use serde::Serialize;
-use softrig_link::commission::{Curve, Measured, Outcome, Result as Finding};
+use softrig_link::commission::{Curve, Measurement, Outcome, Result as Finding};
 use softrig_link::rig_file::ClockRate;
 
 use softrig_formats::numbers::four_digits;
@@ -144,7 +144,7 @@ pub(crate) fn page(report: &Report) -> Result<String, minijinja::Error> {
         .render(Serde(&filled))
 }
 
-fn row(measured: &Measured) -> Row {
+fn row(measured: &Measurement) -> Row {
     Row {
         name: measured.name.clone(),
         value: shown_value(measured),
@@ -154,7 +154,7 @@ fn row(measured: &Measured) -> Row {
 }
 
 /// The value with its unit.
-pub(crate) fn shown_value(measured: &Measured) -> String {
+pub(crate) fn shown_value(measured: &Measurement) -> String {
     if measured.is_flag() {
         return if measured.passed { "yes" } else { "no" }.to_owned();
     }
@@ -167,7 +167,7 @@ pub(crate) fn shown_value(measured: &Measured) -> String {
 }
 
 /// What it is held to.
-pub(crate) fn shown_limit(measured: &Measured) -> String {
+pub(crate) fn shown_limit(measured: &Measurement) -> String {
     if measured.is_flag() {
         return String::new();
     }
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn the_page_says_what_failed_with_its_limit_and_what_to_do() {
-        let lost = Measured::new("lines lost on the way", 3.0, "", Limit::AtMost(0.0));
+        let lost = Measurement::new("lines lost on the way", 3.0, "", Limit::AtMost(0.0));
         let failed = Finding::judge(Step::Telemetry, vec![lost], "").with_curves(vec![Curve {
             x_label: "time (s)",
             y_label: "angle (°)",
@@ -271,14 +271,14 @@ mod tests {
 
     #[test]
     fn values_are_written_with_their_units_and_limits() {
-        let shown = |measured: &Measured| (shown_value(measured), shown_limit(measured));
+        let shown = |measured: &Measurement| (shown_value(measured), shown_limit(measured));
         let pair = |value: &str, limit: &str| (value.to_owned(), limit.to_owned());
-        let drift = Measured::new("drift", -0.25, "kPa/min", Limit::Within(-1.0, 1.0));
+        let drift = Measurement::new("drift", -0.25, "kPa/min", Limit::Within(-1.0, 1.0));
         assert_eq!(shown(&drift), pair("-0.25 kPa/min", "within ±1"));
-        let nothing = Measured::new("time", f64::NAN, "s", Limit::AtMost(2.0));
+        let nothing = Measurement::new("time", f64::NAN, "s", Limit::AtMost(2.0));
         assert_eq!(shown(&nothing), pair("not measured", "at most 2"));
-        assert_eq!(shown(&Measured::flag("closed", true)), pair("yes", ""));
-        let count = Measured::new("lines", 6000.0, "", Limit::AtLeast(5994.0));
+        assert_eq!(shown(&Measurement::flag("closed", true)), pair("yes", ""));
+        let count = Measurement::new("lines", 6000.0, "", Limit::AtLeast(5994.0));
         assert_eq!(shown(&count), pair("6000", "at least 5994"));
     }
 }

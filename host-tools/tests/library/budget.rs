@@ -2,7 +2,7 @@
 
 use model_core::catalogue::Kind;
 use softrig::diagnose::decide::verdict::Answer;
-use softrig::diagnose::work::budget::Ended;
+use softrig::diagnose::work::budget::BudgetEnd;
 use softrig::diagnose::{Budget, Diagnosis, Job, Request, diagnose};
 use softrig::synth::example::Hidden;
 use softrig_formats::model_file::ModelFile;
@@ -34,7 +34,7 @@ fn assert_honest(found: &Diagnosis, verdict: &str, kind: Kind) {
         verdict.contains(r#""ended":"budget""#)
     );
     assert_eq!(found.ended.is_some(), verdict.contains(r#""not_tried":["#));
-    let open = found.ended.as_ref().is_some_and(Ended::is_open);
+    let open = found.ended.as_ref().is_some_and(BudgetEnd::is_open);
     match found.finding.answer() {
         Answer::EffectFound => assert_eq!(found.finding.named(), [kind]),
         Answer::CannotTell => assert!(found.finding.named().is_empty()),

@@ -11,7 +11,7 @@ use model_core::catalogue::Kind;
 use softrig::diagnose::decide::finding::{Explanation, Finding};
 use softrig::diagnose::decide::verdict::{Answer, Strength};
 use softrig::diagnose::experiment::plan::Proposal;
-use softrig::diagnose::fit::candidates::{Candidate, Untried};
+use softrig::diagnose::fit::candidates::{Candidate, SkippedEffect};
 use softrig::diagnose::{Diagnosis, Request};
 use softrig::synth::example::{Example, Hidden, make};
 use softrig_formats::protocol_file::ProtocolFile;
@@ -145,11 +145,11 @@ fn without_a_name(found: &Diagnosis, finding: Finding) -> Diagnosis {
     other.adequacy.exact_form = false;
     other.adequacy.holdout_gap_closed = 0.0;
     other.untried = vec![
-        Untried {
+        SkippedEffect {
             kind: Kind::Leak,
             reason: "the pressure never changes in these recordings",
         },
-        Untried {
+        SkippedEffect {
             kind: Kind::DeadTime,
             reason: "the pressure never changes in these recordings",
         },

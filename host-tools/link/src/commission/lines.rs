@@ -2,7 +2,7 @@
 
 use wire::telemetry::PERIOD_MS;
 
-use super::{Limit, Measured};
+use super::{Limit, Measurement};
 use crate::{Counters, Received};
 
 /// Longest period of the board's own clock (ms) that is no gap: a late one is made up for by the
@@ -30,14 +30,14 @@ pub struct Watched {
 impl Watched {
     /// What the telemetry of this watch is held to. Arrivals are judged only where the board's
     /// time passes as ours does: `in_real_time`.
-    pub fn measure(&self, in_real_time: bool) -> Vec<Measured> {
+    pub fn measure(&self, in_real_time: bool) -> Vec<Measurement> {
         let whole =
-            |name: &str, value: u64| Measured::new(name, value as f64, "", Limit::AtMost(0.0));
+            |name: &str, value: u64| Measurement::new(name, value as f64, "", Limit::AtMost(0.0));
         let arrivals = Arrivals::of(&self.samples);
         let period = f64::from(PERIOD_MS);
         let expected = arrivals.seconds * 1000.0 / period + 1.0;
         let mut measured = vec![
-            Measured::new(
+            Measurement::new(
                 "lines received",
                 self.samples.len() as f64,
                 "",
@@ -46,13 +46,13 @@ impl Watched {
             whole("lines lost on the way", self.counters.dropped),
             whole("lines damaged on the way", self.counters.damaged),
             whole("restarts of the board", self.counters.restarts),
-            Measured::new(
+            Measurement::new(
                 "longest control period",
                 arrivals.longest_period_ms,
                 "ms",
                 Limit::AtMost(LONGEST_PERIOD_MS),
             ),
-            Measured::new(
+            Measurement::new(
                 "jitter of the control period, rms",
                 arrivals.jitter_ms,
                 "ms",
@@ -60,7 +60,7 @@ impl Watched {
             ),
         ];
         if in_real_time {
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 "latest arrival",
                 arrivals.latest_ms,
                 "ms",
@@ -69,7 +69,7 @@ impl Watched {
         }
         if let Some(free) = self.free_bytes {
             let limit = Limit::AtLeast(LEAST_FREE);
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 "RAM never used",
                 f64::from(free),
                 "bytes",

@@ -217,7 +217,7 @@ pub enum Limit {
 
 /// A quantity that a step measured.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
-pub struct Measured {
+pub struct Measurement {
     /// Its name.
     pub name: String,
     /// Its value; none where it could not be measured.
@@ -234,7 +234,7 @@ pub struct Measured {
     pub passed: bool,
 }
 
-impl Measured {
+impl Measurement {
     /// Holds a value to a limit. What is not a number passes none.
     pub fn new(name: impl Into<String>, value: f64, unit: &'static str, limit: Limit) -> Self {
         let (least, most) = match limit {
@@ -309,7 +309,7 @@ pub struct Result {
     /// In a sentence.
     pub sentence: String,
     /// What was measured.
-    pub measured: Vec<Measured>,
+    pub measured: Vec<Measurement>,
     /// What to do, where it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<&'static str>,
@@ -319,7 +319,7 @@ pub struct Result {
 }
 
 impl Result {
-    fn of(step: Step, outcome: Outcome, sentence: String, measured: Vec<Measured>) -> Self {
+    fn of(step: Step, outcome: Outcome, sentence: String, measured: Vec<Measurement>) -> Self {
         Self {
             step: step.name(),
             title: step.title(),
@@ -333,7 +333,7 @@ impl Result {
     }
 
     /// Judges what was measured: `said` where all is within its limits.
-    pub fn judge(step: Step, measured: Vec<Measured>, said: impl Into<String>) -> Self {
+    pub fn judge(step: Step, measured: Vec<Measurement>, said: impl Into<String>) -> Self {
         let failed: Vec<&str> = measured
             .iter()
             .filter(|it| !it.passed)
@@ -347,7 +347,7 @@ impl Result {
     }
 
     /// A step that ended before it could measure.
-    pub fn failed(step: Step, why: impl Into<String>, measured: Vec<Measured>) -> Self {
+    pub fn failed(step: Step, why: impl Into<String>, measured: Vec<Measurement>) -> Self {
         Self::of(step, Outcome::Failed, why.into(), measured)
     }
 
@@ -379,20 +379,22 @@ mod tests {
             (f64::NAN, Limit::AtMost(10.0), false),
             (f64::NAN, Limit::None, true),
         ] {
-            let measured = Measured::new("x", value, "s", limit);
+            let measured = Measurement::new("x", value, "s", limit);
             assert_eq!(measured.passed, passes, "{value} {limit:?}");
             assert!(!measured.is_flag());
         }
-        assert!(Measured::flag("closed", true).passed && Measured::flag("closed", true).is_flag());
-        assert!(!Measured::flag("closed", false).passed);
+        assert!(
+            Measurement::flag("closed", true).passed && Measurement::flag("closed", true).is_flag()
+        );
+        assert!(!Measurement::flag("closed", false).passed);
     }
 
     #[test]
     fn a_result_names_what_is_out_of_its_limits() {
-        let fine = Measured::new("gaps", 0.0, "", Limit::AtMost(0.0));
+        let fine = Measurement::new("gaps", 0.0, "", Limit::AtMost(0.0));
         let result = Result::judge(Step::Telemetry, vec![fine.clone()], "All well.");
         assert_eq!((result.outcome, result.advice), (Outcome::Passed, None));
-        let lost = Measured::new("lost lines", 3.0, "", Limit::AtMost(0.0));
+        let lost = Measurement::new("lost lines", 3.0, "", Limit::AtMost(0.0));
         let result = Result::judge(Step::Telemetry, vec![fine, lost], "All well.");
         assert_eq!(result.outcome, Outcome::Failed);
         assert!(result.sentence.contains("lost lines") && !result.sentence.contains("gaps"));

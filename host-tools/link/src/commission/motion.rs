@@ -2,7 +2,7 @@
 
 use wire::state::State;
 
-use super::{Curve, Limit, Measured};
+use super::{Curve, Limit, Measurement};
 use crate::Received;
 
 /// Pressure (kPa) beyond which a rig with an open vent is not vented.
@@ -102,40 +102,40 @@ impl Hold {
     }
 
     /// What it is held to.
-    pub fn measure(&self) -> Vec<Measured> {
+    pub fn measure(&self) -> Vec<Measurement> {
         let or_nan = |value: Option<f64>| value.unwrap_or(f64::NAN);
         vec![
-            Measured::new(
+            Measurement::new(
                 format!("time to {:.0} kPa", self.asked_kpa),
                 or_nan(self.reached_s),
                 "s",
                 Limit::AtMost(8.0),
             ),
-            Measured::new(
+            Measurement::new(
                 "highest pressure",
                 self.highest_kpa,
                 "kPa",
                 Limit::AtMost(1.15 * self.asked_kpa),
             ),
-            Measured::new(
+            Measurement::new(
                 "pressure lost in 8 s with the pump off",
                 100.0 * or_nan(self.lost_share),
                 "%",
                 Limit::Within(-5.0, 10.0),
             ),
-            Measured::new(
+            Measurement::new(
                 "time to vent",
                 or_nan(self.vented_s),
                 "s",
                 Limit::AtMost(LONGEST_VENT_S),
             ),
-            Measured::new(
+            Measurement::new(
                 "shift of the pressure's zero",
                 or_nan(self.zero_shift_kpa),
                 "kPa",
                 Limit::Within(-1.0, 1.0),
             ),
-            Measured::new(
+            Measurement::new(
                 "bend of the actuator",
                 or_nan(self.bent_deg),
                 "°",
@@ -190,16 +190,16 @@ impl Stop {
     }
 
     /// What it is held to; the volume of a microstep is `step_ul` (µl).
-    pub fn measure(&self, step_ul: f64) -> Vec<Measured> {
+    pub fn measure(&self, step_ul: f64) -> Vec<Measurement> {
         vec![
-            Measured::new("flow before", self.flow_ul_s, "µl/s", Limit::AtLeast(1.0)),
-            Measured::new(
+            Measurement::new("flow before", self.flow_ul_s, "µl/s", Limit::AtLeast(1.0)),
+            Measurement::new(
                 "steps after the stop",
                 self.after_ul / step_ul,
                 "",
                 Limit::AtMost(10.0),
             ),
-            Measured::new(
+            Measurement::new(
                 "time to vent",
                 self.vented_s.unwrap_or(f64::NAN),
                 "s",

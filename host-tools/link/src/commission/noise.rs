@@ -1,6 +1,6 @@
 //! The noise of a sensor at rest.
 
-use super::{Limit, Measured};
+use super::{Limit, Measurement};
 
 /// Samples a second.
 pub const RATE_HZ: f64 = 100.0;
@@ -77,21 +77,21 @@ impl Noise {
         per_minute: &'static str,
         deviation: f64,
         drift: f64,
-    ) -> Vec<Measured> {
+    ) -> Vec<Measurement> {
         let mut measured = vec![
-            Measured::new(
+            Measurement::new(
                 format!("noise of the {sensor}, rms"),
                 self.deviation,
                 unit,
                 Limit::AtMost(deviation),
             ),
-            Measured::new(
+            Measurement::new(
                 format!("drift of the {sensor}"),
                 self.drift,
                 per_minute,
                 Limit::Within(-drift, drift),
             ),
-            Measured::new(
+            Measurement::new(
                 format!("{sensor}: different readings"),
                 self.levels as f64,
                 "",
@@ -100,14 +100,14 @@ impl Noise {
         ];
         // What repeats a few values has the spectrum of its rounding.
         if self.levels > 8 {
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 format!("{sensor}: correlation of neighbouring samples"),
                 self.correlation,
                 "1",
                 Limit::Within(-CORRELATED, CORRELATED),
             ));
             if let Some((hertz, height)) = self.line {
-                measured.push(Measured::new(
+                measured.push(Measurement::new(
                     format!("{sensor}: highest line of the spectrum, at {}", at(hertz)),
                     height,
                     "times the median",

@@ -7,8 +7,8 @@
 use std::time::Duration;
 
 use super::{
-    Curve, Hold, Limit, Measured, Noise, Outcome, Result as Finding, Step, Stop, Watched, curves,
-    rate, spectrum,
+    Curve, Hold, Limit, Measurement, Noise, Outcome, Result as Finding, Step, Stop, Watched,
+    curves, rate, spectrum,
 };
 use crate::rig_file::{ClockRate, FARTHEST_RATE};
 use crate::{Counters, Event, Link, LinkError, Received};
@@ -330,8 +330,8 @@ impl<'o> Session<'o> {
             .collect();
         let version = env!("CARGO_PKG_VERSION");
         let image = match board.image {
-            None => Measured::flag("the image carries no checksum of its own".to_owned(), true),
-            Some(sum) => Measured::flag(
+            None => Measurement::flag("the image carries no checksum of its own".to_owned(), true),
+            Some(sum) => Measurement::flag(
                 format!(
                     "the flash holds the whole image, checksum {:04x} of {:04x}",
                     sum.found, sum.built
@@ -340,26 +340,26 @@ impl<'o> Session<'o> {
             ),
         };
         let measured = vec![
-            Measured::flag(
+            Measurement::flag(
                 format!("firmware {} is that of this rig, {version}", board.firmware),
                 board.firmware == version,
             ),
             image,
-            Measured::flag(
+            Measurement::flag(
                 format!(
                     "settings arrive as the board checks them, {}",
                     board.settings
                 ),
                 SettingsId::of(&settings) == board.settings,
             ),
-            Measured::flag(
+            Measurement::flag(
                 match status.fault {
                     None => "no fault is latched".to_owned(),
                     Some(fault) => format!("no fault is latched ({})", fault.name()),
                 },
                 status.fault.is_none(),
             ),
-            Measured::new(
+            Measurement::new(
                 "settings that are not as shipped",
                 changed.len() as f64,
                 "",
@@ -401,14 +401,14 @@ impl<'o> Session<'o> {
         let same = |step: &&StepReport<'_>| expected.iter().any(|it| step.is_same_to_the_bit(it));
         let equal = steps.iter().filter(same).count();
         let measured = vec![
-            Measured::flag("the board came to the end of its self-test", done),
-            Measured::new(
+            Measurement::flag("the board came to the end of its self-test", done),
+            Measurement::new(
                 "model steps that the board made",
                 steps.len() as f64,
                 "",
                 Limit::AtLeast(total),
             ),
-            Measured::new(
+            Measurement::new(
                 "steps that differ from this computer's",
                 (steps.len() - equal) as f64,
                 "",
@@ -427,7 +427,7 @@ impl<'o> Session<'o> {
             .samples
             .iter()
             .find_map(|it| Fault::from_code(it.sample.fault));
-        measured.push(Measured::flag(
+        measured.push(Measurement::flag(
             fault.map_or_else(
                 || "no fault meanwhile".to_owned(),
                 |fault| format!("no fault meanwhile ({})", fault.name()),
@@ -437,7 +437,7 @@ impl<'o> Session<'o> {
         // A firmware that does not measure it does not know the question.
         let supply = self.link.machine().ok().and_then(|it| it.supply_mv);
         if let Some(mv) = supply {
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 "supply of the board",
                 f64::from(mv) / 1000.0,
                 "V",
@@ -469,13 +469,13 @@ impl<'o> Session<'o> {
             ));
         }
         let measured = vec![
-            Measured::new(
+            Measurement::new(
                 "the board's second is longer by",
                 (rate.factor - 1.0) * 100.0,
                 "%",
                 Limit::Within(-1.0, 1.0),
             ),
-            Measured::new(
+            Measurement::new(
                 "standard error",
                 rate.standard_error * 100.0,
                 "%",
@@ -511,20 +511,25 @@ impl<'o> Session<'o> {
                 })
                 .map(|it| f64::from(it.to_f32()))
                 .collect();
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 format!("{name}: samples without a reading"),
                 (count - values.len()) as f64,
                 "",
                 Limit::AtMost(0.0),
             ));
             if values.len() < LEAST_SAMPLES {
-                measured.push(Measured::flag(format!("{name}: enough readings"), false));
+                measured.push(Measurement::flag(format!("{name}: enough readings"), false));
                 continue;
             }
             if index == 0 {
                 let mean = values.iter().sum::<f64>() / values.len() as f64;
                 let limit = Limit::Within(-ZERO_KPA, ZERO_KPA);
-                measured.push(Measured::new("pressure reading at rest", mean, unit, limit));
+                measured.push(Measurement::new(
+                    "pressure reading at rest",
+                    mean,
+                    unit,
+                    limit,
+                ));
             }
             let noise = Noise::of(&values);
             measured.extend(noise.measure(name, unit, per_minute, deviation, drift));
@@ -564,11 +569,11 @@ impl<'o> Session<'o> {
             }
             other => other?,
         };
-        let mut measured: Vec<Measured> = Switch::ALL
+        let mut measured: Vec<Measurement> = Switch::ALL
             .iter()
             .map(|it| {
                 let name = format!("{}: closed while untouched", it.name());
-                Measured::flag(name, !it.is_open(now))
+                Measurement::flag(name, !it.is_open(now))
             })
             .collect();
         if measured.iter().any(|it| !it.passed) {
@@ -603,10 +608,10 @@ impl<'o> Session<'o> {
                     (true, false) => format!("{name}: open {when}, and closed again"),
                     _ => format!("{name}: open {when}"),
                 };
-                measured.push(Measured::flag(what, opened && closed));
+                measured.push(Measurement::flag(what, opened && closed));
                 if others {
                     let name = format!("{name}: no other opens with it");
-                    measured.push(Measured::flag(name, false));
+                    measured.push(Measurement::flag(name, false));
                 }
             }
         }
@@ -630,9 +635,9 @@ impl<'o> Session<'o> {
         let machine = self.link.machine()?;
         let steps = machine.lost_steps.map_or(f64::NAN, f64::from);
         let mut measured = vec![
-            Measured::new("first homing", first_s, "s", Limit::AtMost(60.0)),
-            Measured::new("second homing", second_s, "s", Limit::AtMost(60.0)),
-            Measured::new(
+            Measurement::new("first homing", first_s, "s", Limit::AtMost(60.0)),
+            Measurement::new("second homing", second_s, "s", Limit::AtMost(60.0)),
+            Measurement::new(
                 "shift of the second home",
                 steps,
                 "microsteps",
@@ -642,13 +647,13 @@ impl<'o> Session<'o> {
         // The board refuses what is later than its speed allows; firmware from before measures nothing.
         if let (Some(delay_ms), Some(air_ul)) = (machine.delay_ms, machine.air_ul) {
             let (delay, air) = (f64::from(delay_ms), f64::from(air_ul) / 1000.0);
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 "pressure sensor's delay, with the vent's",
                 delay,
                 "ms",
                 Limit::None,
             ));
-            measured.push(Measured::new(
+            measured.push(Measurement::new(
                 "air behind the plunger",
                 air,
                 "ml",
@@ -680,20 +685,20 @@ impl<'o> Session<'o> {
         };
         let stroke_ml = second * per_step / 1000.0;
         let measured = vec![
-            Measured::new("stroke", first, "microsteps", Limit::AtLeast(1.0)),
-            Measured::new(
+            Measurement::new("stroke", first, "microsteps", Limit::AtLeast(1.0)),
+            Measurement::new(
                 "change of the second stroke",
                 second - first,
                 "microsteps",
                 Limit::Within(-STROKE_STEPS, STROKE_STEPS),
             ),
-            Measured::new(
+            Measurement::new(
                 "largest volume, max.ul",
                 largest_ml,
                 "ml",
                 Limit::AtMost(stroke_ml),
             ),
-            Measured::new("time for both", seconds, "s", Limit::None),
+            Measurement::new("time for both", seconds, "s", Limit::None),
         ];
         let said = format!("{stroke_ml:.1} ml between the switches, and the board keeps it.");
         Ok(Finding::judge(Step::Stroke, measured, said))
@@ -720,7 +725,7 @@ impl<'o> Session<'o> {
         })?;
         let code = self.link.last().map_or(0, |sample| sample.fault);
         self.pass(3.0)?;
-        let mut measured = vec![Measured::flag(
+        let mut measured = vec![Measurement::flag(
             match Fault::from_code(code) {
                 Some(fault) => format!("the board stopped for it ({})", fault.name()),
                 None => "the board stopped for it".to_owned(),
@@ -737,7 +742,7 @@ impl<'o> Session<'o> {
         self.operator
             .ask("Is the 12 V gone: the driver's light off, and the motor free to turn by hand?")?;
         let gone = self.answered()? == Answer::Yes;
-        measured.push(Measured::flag(
+        measured.push(Measurement::flag(
             "the 12 V are gone, as seen at the rig",
             gone,
         ));
@@ -795,7 +800,7 @@ impl<'o> Session<'o> {
             seconds(pump_ms + hold_ms),
         );
         let fault = self.link.last().and_then(|it| Fault::from_code(it.fault));
-        let mut measured = vec![Measured::flag(
+        let mut measured = vec![Measurement::flag(
             match fault {
                 Some(fault) => format!(
                     "the run came to its end (fault {}, {})",
@@ -832,8 +837,8 @@ impl<'o> Session<'o> {
             .map(|it| f64::from(it.to_f32()))
             .fold(f64::NAN, f64::max);
         let measured = vec![
-            Measured::flag("the relief valve opened, as heard at the rig", opened),
-            Measured::new(
+            Measurement::flag("the relief valve opened, as heard at the rig", opened),
+            Measurement::new(
                 "highest pressure at the sensor",
                 highest,
                 "kPa",
@@ -868,14 +873,17 @@ impl<'o> Session<'o> {
             Err(error) if error.is::<Interrupted>() => return Err(error),
             Err(_) => false,
         };
-        let mut measured = vec![Measured::flag("the board came back", came_back)];
+        let mut measured = vec![Measurement::flag("the board came back", came_back)];
         if came_back {
             if !self.is_simulated {
-                measured.push(Measured::new("after", seconds, "s", Limit::AtMost(4.0)));
+                measured.push(Measurement::new("after", seconds, "s", Limit::AtMost(4.0)));
             }
             let fault = self.status()?.fault;
             let knows = fault == Some(Fault::Watchdog);
-            measured.push(Measured::flag("it names the watchdog as the cause", knows));
+            measured.push(Measurement::flag(
+                "it names the watchdog as the cause",
+                knows,
+            ));
         } else {
             self.lost = Some("The board did not come back from its watchdog.".to_owned());
         }
@@ -1192,8 +1200,8 @@ fn latched(fault: Fault) -> String {
     )
 }
 
-fn limit_of(settings: &Settings, key: Key, name: &str, unit: &'static str) -> Measured {
-    Measured::new(name, f64::from(settings.number(key)), unit, Limit::None)
+fn limit_of(settings: &Settings, key: Key, name: &str, unit: &'static str) -> Measurement {
+    Measurement::new(name, f64::from(settings.number(key)), unit, Limit::None)
 }
 
 fn hundredths(value: f64) -> Hundredths {

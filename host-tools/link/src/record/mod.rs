@@ -22,7 +22,7 @@ use wire::telemetry::Telemetry;
 pub use black_box::black_box_path;
 pub use limits::check_limits;
 pub use meta::{About, Counts, Gap};
-pub use outcome::Recorded;
+pub use outcome::RecordingOutcome;
 pub use sheet::{COLUMNS, Sheet, line};
 pub use shelf::{Disk, Shelf, Table};
 pub use split::{Part, Step, parts, run_path, steps};

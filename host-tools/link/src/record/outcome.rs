@@ -16,14 +16,14 @@ pub(super) enum End {
 
 /// A recording that was made.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Recorded {
+pub struct RecordingOutcome {
     /// What is in it, line by line.
     pub text: String,
     /// Whether a protocol was played.
     pub has_moved: bool,
 }
 
-impl Recorded {
+impl RecordingOutcome {
     /// Completes the files.
     pub(super) fn of(
         mut recorder: Recorder,

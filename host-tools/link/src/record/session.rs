@@ -15,7 +15,7 @@ use wire::command::Command;
 use wire::settings::{Key, Settings};
 use wire::state::State;
 
-use super::outcome::{End, Recorded};
+use super::outcome::{End, RecordingOutcome};
 use super::{About, LoggedSample, Part, Recorder, Shelf, check_limits, parts};
 use crate::{Connector, Event, Link, LinkError, Timing};
 
@@ -91,7 +91,7 @@ pub fn record(
     plan: &Plan,
     shelf: Box<dyn Shelf>,
     attendant: &mut dyn Attendant,
-) -> anyhow::Result<Recorded> {
+) -> anyhow::Result<RecordingOutcome> {
     attendant.waits("waiting for the board, which restarts");
     let mut link = Link::open(connector, Timing::default())?;
     attendant.waits("reading the board's settings");
@@ -204,7 +204,12 @@ struct Session<'a> {
 
 impl Session<'_> {
     /// Records, leaves the rig at rest, and completes the files.
-    fn run(mut self, plan: &Plan, parts: &[Part], was_well: bool) -> anyhow::Result<Recorded> {
+    fn run(
+        mut self,
+        plan: &Plan,
+        parts: &[Part],
+        was_well: bool,
+    ) -> anyhow::Result<RecordingOutcome> {
         let outcome = match &plan.protocol {
             Some(protocol) => self.play(protocol),
             None => self.listen(plan.seconds),
@@ -226,7 +231,7 @@ impl Session<'_> {
             attendant,
             ..
         } = self;
-        let ended = Recorded::of(recorder, &link.counters(), outcome, parts, plan.split);
+        let ended = RecordingOutcome::of(recorder, &link.counters(), outcome, parts, plan.split);
         if let Some(kpa) = remaining_kpa {
             attendant.warns(&format!(
                 "{kpa:.0} kPa are still in the actuator: open it by hand before you touch it"

@@ -24,7 +24,7 @@ pub use sentences::sentence;
 pub use tried::{Standing, TriedGroup, TriedRow, Untried};
 
 use softrig::diagnose::decide::verdict::Answer;
-use softrig::diagnose::work::budget::Ended;
+use softrig::diagnose::work::budget::BudgetEnd;
 use softrig::diagnose::{Diagnosis, Request, Upload};
 use softrig::prediction::StandIn;
 
@@ -135,7 +135,7 @@ impl Content {
             methods: methods::methods(request, diagnosis, &said, (&errors, &tried)),
             sentence: said,
             lede: sentences::lede(diagnosis),
-            ended: diagnosis.ended.as_ref().map(Ended::sentence),
+            ended: diagnosis.ended.as_ref().map(BudgetEnd::sentence),
             keys: keys::keys(diagnosis),
             notices: errors::notices(diagnosis),
             left_out: diagnosis.not_used.iter().map(ToString::to_string).collect(),

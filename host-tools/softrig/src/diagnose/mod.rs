@@ -47,7 +47,7 @@ use experiment::turns;
 pub use explain::Diagnosis;
 use explain::Validations;
 pub use explain::repair::Upload;
-use fit::candidates::Untried;
+use fit::candidates::SkippedEffect;
 use fit::identifiability::Identifiability;
 use fit::numbers::far_numbers;
 use fit::outlier::{Outlier, outlying_recording};
@@ -60,12 +60,12 @@ use score::localise::localise;
 use score::steps::step_gaps;
 use search::baseline;
 use search::baseline::Baseline;
-use search::{Options, Searched, search};
+use search::{Options, SearchResult, search};
 use softrig_formats::error::InputError;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::recording::Recording;
 pub use work::budget::Budget;
-use work::budget::{Ended, SearchPart};
+use work::budget::{BudgetEnd, SearchPart};
 pub use work::job::Job;
 use work::policy;
 use work::progress::Stage;
@@ -172,7 +172,7 @@ pub fn diagnose_from(
 
 /// One search over recordings, and what it leaves to be decided.
 struct Pass {
-    searched: Searched,
+    searched: SearchResult,
     concerns: Vec<Concern>,
 }
 
@@ -230,7 +230,7 @@ impl Pass {
 
     /// A recording that no structure fits together with the others.
     fn outlier(&self) -> Option<Outlier> {
-        let Searched {
+        let SearchResult {
             found, baseline, ..
         } = &self.searched;
         let (file, floor) = (&baseline.file, &baseline.floor);
@@ -244,7 +244,7 @@ impl Pass {
 
     fn answer(&self, job: &Job) -> Finding {
         let policy = &policy::Policy::STANDARD;
-        let Searched {
+        let SearchResult {
             remains,
             found,
             baseline,
@@ -267,7 +267,7 @@ impl Pass {
     fn diagnosis(self, request: &Request<'_>, about_files: Vec<Concern>, job: &Job) -> Diagnosis {
         let finding = self.answer(job);
         let Self { searched, concerns } = self;
-        let Searched {
+        let SearchResult {
             found,
             mut untried,
             baseline,
@@ -364,11 +364,11 @@ impl Pass {
 }
 
 /// Effects that the time was not enough for. Those of the repaired model were tried, if not fully.
-fn out_of_time(ended: Option<&Ended>, repaired: &[Kind]) -> Vec<Untried> {
-    let kinds = ended.map(Ended::kinds).unwrap_or_default().into_iter();
+fn out_of_time(ended: Option<&BudgetEnd>, repaired: &[Kind]) -> Vec<SkippedEffect> {
+    let kinds = ended.map(BudgetEnd::kinds).unwrap_or_default().into_iter();
     let untried = kinds.filter(|kind| !repaired.contains(kind));
     let reason = "the time was up";
-    untried.map(|kind| Untried { kind, reason }).collect()
+    untried.map(|kind| SkippedEffect { kind, reason }).collect()
 }
 
 /// Refuses recordings without motion, and columns that do not hold what their header says.

@@ -32,7 +32,7 @@ const SAME_RESET_S: f64 = 5.0;
 
 /// Data for a fit, with the concerns raised while assembling it.
 #[derive(Clone, Debug, Default)]
-pub struct Assembled {
+pub struct Assembly {
     /// The sessions.
     pub data: Dataset,
     /// Concerns to report.
@@ -61,7 +61,7 @@ type Span = Range<f64>;
 /// # Errors
 ///
 /// Refuses a recording of which nothing can be used.
-pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
+pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembly, InputError> {
     Ok(as_read(fitted, held_out)?.from_rest(fitted))
 }
 
@@ -70,8 +70,8 @@ pub fn assemble(fitted: &[Recording], held_out: &[Recording]) -> Result<Assemble
 /// # Errors
 ///
 /// Refuses a recording of which nothing can be used.
-pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled, InputError> {
-    let mut all = Assembled::default();
+pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembly, InputError> {
+    let mut all = Assembly::default();
     let fitted = &all.cleaned(fitted)?[..];
     let held_out = &all.cleaned(held_out)?[..];
     // The order in which files are named decides nothing.
@@ -96,7 +96,7 @@ pub fn as_read(fitted: &[Recording], held_out: &[Recording]) -> Result<Assembled
     Ok(all)
 }
 
-impl Assembled {
+impl Assembly {
     /// The recordings without what no motion can reach.
     fn cleaned(&mut self, recordings: &[Recording]) -> Result<Vec<Recording>, InputError> {
         recordings
@@ -239,7 +239,7 @@ fn reset_of(recording: &Recording) -> Option<(f64, f64)> {
 }
 
 fn add(
-    all: &mut Assembled,
+    all: &mut Assembly,
     group: &Group<'_>,
     clocks: &Clocks,
     alone: bool,
@@ -264,7 +264,7 @@ fn add(
 /// beside it say which segments are fitted, and where they are if the session's
 /// metadata do not.
 fn marks_of(
-    all: &mut Assembled,
+    all: &mut Assembly,
     whole: &Recording,
     fit: bool,
     pieces: &[(&Recording, bool)],
@@ -465,7 +465,7 @@ fn join(chain: &[(&Recording, bool)]) -> (Recording, Vec<(Span, About)>) {
 
 /// Adds a session, cut where the motion cannot be followed.
 fn add_session(
-    all: &mut Assembled,
+    all: &mut Assembly,
     whole: &Recording,
     clock: f64,
     marks: Vec<(Span, About)>,

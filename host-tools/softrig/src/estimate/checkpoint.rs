@@ -20,7 +20,7 @@ const FILE: &str = "fits.txt";
 
 /// The final position of a solver, in its own coordinates.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ended {
+pub struct SolverEnd {
     /// The unknowns.
     pub position: Vec<f64>,
     /// Whether the solver met its tolerance.
@@ -30,7 +30,7 @@ pub struct Ended {
 /// Fits that were finished before, and the file to which further ones are appended.
 #[derive(Debug, Default)]
 pub struct Checkpoint {
-    known: BTreeMap<u64, Ended>,
+    known: BTreeMap<u64, SolverEnd>,
     damaged: Option<String>,
     file: Option<Mutex<File>>,
 }
@@ -111,13 +111,13 @@ impl Checkpoint {
     }
 
     /// The final position of an earlier fit.
-    pub fn recall(&self, fingerprint: u64) -> Option<&Ended> {
+    pub fn recall(&self, fingerprint: u64) -> Option<&SolverEnd> {
         self.known.get(&fingerprint)
     }
 
     /// Appends the final position of a fit. If the disk is full, the line is lost and
     /// the diagnosis goes on.
-    pub fn keep(&self, fingerprint: u64, ended: &Ended) {
+    pub fn keep(&self, fingerprint: u64, ended: &SolverEnd) {
         let Some(file) = &self.file else { return };
         let mut line = format!("{fingerprint:016x} {}", u8::from(ended.converged));
         for value in &ended.position {
@@ -134,7 +134,7 @@ fn fingerprint_of(line: &str) -> u64 {
     fingerprint(line.bytes())
 }
 
-fn parse(line: &str) -> Option<(u64, Ended)> {
+fn parse(line: &str) -> Option<(u64, SolverEnd)> {
     let (line, checksum) = line.rsplit_once(' ')?;
     (u64::from_str_radix(checksum, 16) == Ok(fingerprint_of(line))).then_some(())?;
     let fields: Vec<&str> = line.split(' ').collect();
@@ -145,7 +145,7 @@ fn parse(line: &str) -> Option<(u64, Ended)> {
         .iter()
         .map(|field| u64::from_str_radix(field, 16).ok().map(f64::from_bits))
         .collect::<Option<_>>()?;
-    let ended = Ended {
+    let ended = SolverEnd {
         position,
         converged: *converged == "1",
     };
@@ -166,7 +166,7 @@ mod tests {
     #[test]
     fn fits_are_found_again_bit_for_bit_and_a_torn_line_is_ignored() {
         let folder = tempfile::tempdir().unwrap();
-        let ended = Ended {
+        let ended = SolverEnd {
             position: vec![0.1 + 0.2, -1e-300, f64::MAX],
             converged: true,
         };
@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn a_line_with_one_letter_changed_is_not_believed_and_reported() {
         let folder = tempfile::tempdir().unwrap();
-        let ended = Ended {
+        let ended = SolverEnd {
             position: vec![1.5, 2.5],
             converged: true,
         };

@@ -14,7 +14,7 @@ use model_core::power::Power;
 use super::nuisance::{Nuisance, Prior};
 use super::placement::Placement;
 use crate::estimate::denoise;
-use crate::sim::board::{OnBoard, Unseen};
+use crate::sim::board::{BoardLimit, OnBoard};
 use crate::sim::dual::FromF64;
 use crate::sim::simulate::{
     Grain, InitialState, Origin, Signal, Stepping, Trajectory, run_as_it_is, run_from,
@@ -282,8 +282,8 @@ impl Session {
     ///
     /// # Errors
     ///
-    /// [`Unseen`].
-    pub fn predict(&self, board: &OnBoard, nuisance: &Nuisance) -> Result<Vec<f64>, Unseen> {
+    /// [`BoardLimit`].
+    pub fn predict(&self, board: &OnBoard, nuisance: &Nuisance) -> Result<Vec<f64>, BoardLimit> {
         let mut readings = board.predict(&self.signal, self.origin(nuisance))?;
         for reading in &mut readings {
             *reading += nuisance.angle_zero;

@@ -8,8 +8,8 @@ use super::Dataset;
 use super::filter::Level;
 use super::fit::{Effort, Fit};
 use super::nuisance::Nuisance;
-use super::problem::{Compared, Problem};
-use crate::estimate::checkpoint::{Checkpoint, Ended, fingerprint};
+use super::problem::{Problem, SampleSet};
+use crate::estimate::checkpoint::{Checkpoint, SolverEnd, fingerprint};
 
 /// Fits models to data.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ impl<'a> Fitter<'a> {
     }
 
     fn problem(&self, start: &Model<f64>, free: &[ParameterId]) -> Problem<'a> {
-        Problem::new(self.data, start, free, Compared::Fitted).at_level(self.level)
+        Problem::new(self.data, start, free, SampleSet::Fitted).at_level(self.level)
     }
 
     /// Like [`Fitter::fit`], or the fit that `checkpoint` has kept; none if it is interrupted,
@@ -79,7 +79,7 @@ impl<'a> Fitter<'a> {
             let position = problem.position().to_vec();
             checkpoint.keep(
                 key,
-                &Ended {
+                &SolverEnd {
                     position,
                     converged,
                 },
@@ -122,7 +122,7 @@ impl<'a> Fitter<'a> {
 
     /// The same fit with the information of the recordings about its parameters.
     pub fn informed(&self, fit: &Fit) -> Fit {
-        Problem::new(self.data, &fit.model, &fit.free, Compared::Fitted)
+        Problem::new(self.data, &fit.model, &fit.free, SampleSet::Fitted)
             .at_level(self.level)
             .with_nuisances(&fit.nuisances)
             .into_fit(fit.converged, Effort::Full)
@@ -133,7 +133,7 @@ impl<'a> Fitter<'a> {
     /// itself. Series are in the order of [`Dataset::held_out`].
     pub fn validate(&self, model: &Model<f64>) -> Validation {
         let (problem, _) =
-            Problem::new(self.data, model, &[], Compared::Validated).solved(Effort::Coarse);
+            Problem::new(self.data, model, &[], SampleSet::Validated).solved(Effort::Coarse);
         Validation {
             residuals: problem.residual_series(false),
             nuisances: problem.nuisances(),
@@ -181,7 +181,7 @@ impl<'a> Fitter<'a> {
             return;
         }
         let free = [fit.free.as_slice(), held].concat();
-        let wider = Problem::new(self.data, &fit.model, &free, Compared::Fitted)
+        let wider = Problem::new(self.data, &fit.model, &free, SampleSet::Fitted)
             .at_level(self.level)
             .with_nuisances(&fit.nuisances)
             .into_fit(fit.converged, Effort::Full);
@@ -201,7 +201,7 @@ impl<'a> Fitter<'a> {
     /// For errors only: the result has no standard errors.
     pub fn compare_near(&self, model: &Model<f64>, nuisances: &[Nuisance]) -> Fit {
         const NEAR: Effort = Effort::Steps(3);
-        let (problem, converged) = Problem::new(self.data, model, &[], Compared::Fitted)
+        let (problem, converged) = Problem::new(self.data, model, &[], SampleSet::Fitted)
             .with_nuisances(nuisances)
             .solved(NEAR);
         problem.into_fit(converged, NEAR)
@@ -211,7 +211,7 @@ impl<'a> Fitter<'a> {
     /// other recordings, in that fit's solver coordinates. What zeros and initial states
     /// can compensate is projected out. One row per fitted sample.
     pub fn derivatives(&self, fit: &Fit) -> DMatrix<f64> {
-        let blocks = Problem::new(self.data, &fit.model, &fit.free, Compared::Fitted)
+        let blocks = Problem::new(self.data, &fit.model, &fit.free, SampleSet::Fitted)
             .at_level(self.level)
             .with_transforms(&fit.transforms, &fit.position)
             .with_nuisances(&fit.nuisances)
@@ -231,7 +231,7 @@ impl<'a> Fitter<'a> {
     /// score test that costs one simulation with derivatives. Not finite if the model
     /// cannot be simulated.
     pub fn predicted_sse(&self, start: &Model<f64>, free: &[ParameterId]) -> f64 {
-        Problem::new(self.data, start, free, Compared::Fitted)
+        Problem::new(self.data, start, free, SampleSet::Fitted)
             .at_level(self.level)
             .predicted_sse()
     }
@@ -245,7 +245,7 @@ impl<'a> Fitter<'a> {
         free: &[ParameterId],
         nuisances: &[Nuisance],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        Problem::new(self.data, model, free, Compared::Fitted)
+        Problem::new(self.data, model, free, SampleSet::Fitted)
             .at_level(self.level)
             .with_nuisances(nuisances)
             .dense()

@@ -34,7 +34,7 @@ const FEWEST_RECORDINGS: usize = 5;
 
 /// The contribution of one recording.
 #[derive(Clone, Debug)]
-pub struct Recorded {
+pub struct Contribution {
     curvature: DMatrix<f64>,
     slope: DVector<f64>,
     meat: DMatrix<f64>,
@@ -43,7 +43,7 @@ pub struct Recorded {
     samples: usize,
 }
 
-impl Recorded {
+impl Contribution {
     /// From derivatives by the free parameters (one row per sample, with the session's
     /// zeros and initial state projected out) and residuals (simulated minus measured,
     /// rad) with a correlation time of `correlation` samples.
@@ -86,7 +86,7 @@ impl Information {
     /// `scale`.
     pub fn sum(
         unknowns: usize,
-        recordings: impl IntoIterator<Item = Recorded>,
+        recordings: impl IntoIterator<Item = Contribution>,
         scale: f64,
     ) -> Self {
         let square = scale * scale;
@@ -324,7 +324,7 @@ mod tests {
     fn collect(blocks: &[DMatrix<f64>], residuals: &[Vec<f64>]) -> Information {
         let recorded = blocks.iter().zip(residuals).map(|(parameters, residual)| {
             let residual = DVectorView::from_slice(residual, residual.len());
-            Recorded::of(parameters.as_view(), residual, 1.0)
+            Contribution::of(parameters.as_view(), residual, 1.0)
         });
         Information::sum(2, recorded, 1.0)
     }

@@ -35,7 +35,7 @@ const FOLLOWS: f64 = 1.0 / 3.0;
 
 /// A rest that a hand ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Handled {
+pub struct HandRelease {
     /// The first sample after the rest.
     pub taken: usize,
     /// The first sample after the release.
@@ -43,7 +43,7 @@ pub struct Handled {
 }
 
 /// Finds whether a recording begins with a rest that is left although the pressure stays.
-pub fn handled(recording: &Recording) -> Option<Handled> {
+pub fn handled(recording: &Recording) -> Option<HandRelease> {
     let Recording {
         time,
         pressure,
@@ -86,7 +86,7 @@ pub fn handled(recording: &Recording) -> Option<Handled> {
     } else {
         taken
     };
-    Some(Handled { taken, released })
+    Some(HandRelease { taken, released })
 }
 
 #[cfg(test)]

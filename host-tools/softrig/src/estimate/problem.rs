@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::descent::{Bounded, Descent, descend};
 use super::filter::{Innovation, Level, normalised, pass};
 use super::fit::{Effort, Fit};
-use super::information::{Information, Recorded, without_nuisance};
+use super::information::{Contribution, Information, without_nuisance};
 use super::normal::{Normal, SharedRow};
 use super::nuisance::{Nuisance, PAST_PLACE, Prior, Shared, UNKNOWNS, ZEROS, wall};
 use super::transform::{Limits, ParameterTransform};
@@ -36,7 +36,7 @@ impl Effort {
 
 /// Which samples of a session are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Compared {
+pub enum SampleSet {
     /// Fitted samples; sessions without any take no part.
     Fitted,
     /// Only sessions that hold something out: their fitted samples, or all if
@@ -145,7 +145,7 @@ impl<'a> Problem<'a> {
         data: &'a Dataset,
         model: &Model<f64>,
         free: &[ParameterId],
-        compared: Compared,
+        compared: SampleSet,
     ) -> Self {
         let limits = Limits::of(data);
         let transforms: Vec<ParameterTransform> = free
@@ -160,7 +160,7 @@ impl<'a> Problem<'a> {
         let mut parts = Vec::new();
         for (index, session) in data.sessions().iter().enumerate() {
             let mut ranges = data.fitted_ranges(index);
-            if compared == Compared::Validated {
+            if compared == SampleSet::Validated {
                 let held_out = data.ranges(index, false);
                 if held_out.is_empty() {
                     continue;
@@ -880,7 +880,7 @@ impl<'a> Problem<'a> {
                 } else {
                     range.len()
                 };
-                let recording = Recorded::of(
+                let recording = Contribution::of(
                     parameters.rows(first, rows),
                     residual.rows(first, rows),
                     correlation,

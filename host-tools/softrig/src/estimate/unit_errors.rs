@@ -13,7 +13,7 @@ use model_core::dynamics::Dynamics;
 
 use crate::estimate::Dataset;
 use crate::estimate::fitter::Fitter;
-use crate::estimate::identify::{EXPONENTS, Identified, Order, identify};
+use crate::estimate::identify::{EXPONENTS, Identification, Order, identify};
 use crate::statistics::{mean, median, rms};
 use softrig_formats::columns::{ATMOSPHERE_KPA, AngleUnit, Columns, PressureUnit, TimeUnit};
 use softrig_formats::error::InputError;
@@ -200,14 +200,14 @@ fn agrees_refitted(file: &ModelFile, recording: &Recording) -> bool {
 }
 
 /// The base model of the recording alone, whatever the file's numbers.
-fn identified(file: &ModelFile, recording: &Recording) -> Option<Identified> {
+fn identified(file: &ModelFile, recording: &Recording) -> Option<Identification> {
     let data = Dataset::of(std::slice::from_ref(recording)).calibrated();
     identify(&file.model, &file.free, &EXPONENTS, &data)
 }
 
 /// By how much damping and input gain differ from the file's, by the inertia; where that does
 /// not show, the gain by the damping.
-fn factors(given: &Model<f64>, identified: &Identified) -> Vec<f64> {
+fn factors(given: &Model<f64>, identified: &Identification) -> Vec<f64> {
     let found = identified.released.model.dynamics();
     let factor = |of: fn(&Dynamics<f64>) -> f64| of(found) / of(given.dynamics());
     match identified.order {

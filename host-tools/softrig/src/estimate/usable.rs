@@ -7,7 +7,7 @@
 use std::cell::LazyCell;
 use std::ops::Range;
 
-use super::let_go::{Handled, handled};
+use super::let_go::{HandRelease, handled};
 use crate::statistics::{
     clipped, median, noise, quantisation_step, rms, same, standard_deviation, swing,
 };
@@ -115,7 +115,7 @@ pub enum Matter {
     /// Recordings begin while the actuator moves.
     InMotion,
     /// The actuator moves although the pressure stays.
-    Handled,
+    HandRelease,
     /// Another minimum of the fit is as good.
     TwoMinima,
     /// The zero of a sensor ends farther away than a calibration leaves it.
@@ -363,12 +363,12 @@ fn after_reset(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
 
 /// The first sample after a hand has let go of the actuator, if one moved it.
 fn let_go(recording: &Recording, concerns: &mut Vec<Concern>) -> usize {
-    let Some(Handled { taken, released }) = handled(recording) else {
+    let Some(HandRelease { taken, released }) = handled(recording) else {
         return 0;
     };
     let since = |sample: usize| recording.time[sample] - recording.time[0];
     concerns.push(Concern::of(
-        Matter::Handled,
+        Matter::HandRelease,
         Some(recording),
         format!(
             "the actuator rests for {:.2} s and then moves although the pressure stays, as if by hand; used from {:.2} s on",

@@ -21,7 +21,7 @@ use model_core::power::Exact;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
 use crate::estimate::identify::{
-    EXPONENTS, Identified, NO_INPUT_GAIN, Order, identify, is_driven, statics,
+    EXPONENTS, Identification, NO_INPUT_GAIN, Order, identify, is_driven, statics,
 };
 use crate::estimate::smooth::motions;
 use crate::statistics::squares_about_mean;
@@ -267,10 +267,10 @@ pub fn from_recordings(
         .flat_map(statics::plateaus)
         .collect();
     let given = geometry.map(|geometry| geometry.material.exponent::<f64>());
-    let Chosen {
+    let ExponentChoice {
         identified,
         exponent,
-    } = Chosen::of(data, &levels, given).ok_or_else(|| {
+    } = ExponentChoice::of(data, &levels, given).ok_or_else(|| {
         InputError::new(
             "no plain model can be simulated over the recording",
             "check time, pressure and angle: see the flags under \"If the columns mean something else\"",
@@ -384,12 +384,12 @@ enum Exponent {
 }
 
 /// A model with the exponent that was chosen for it.
-struct Chosen {
-    identified: Identified,
+struct ExponentChoice {
+    identified: Identification,
     exponent: Exponent,
 }
 
-impl Chosen {
+impl ExponentChoice {
     /// Identifies the model with the exponent held, at the `given` one or at one, and with
     /// the exponent free. Takes a fitted exponent only where it reduces the error enough.
     fn of(data: &Dataset, levels: &[statics::Level], given: Option<f64>) -> Option<Self> {

@@ -71,7 +71,7 @@ fn load_percent(model: &Model<f32>, farthest: f32) -> Option<f64> {
 
 /// Why the board does not predict a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Unseen {
+pub enum BoardLimit {
     /// Its pressure is beyond what the board's memory holds.
     #[error("the pressure goes beyond the −50 … 605 kPa that the board can tell apart")]
     Pressure,
@@ -102,8 +102,8 @@ impl OnBoard {
     ///
     /// # Errors
     ///
-    /// [`Unseen`].
-    pub fn predict(&self, signal: &Signal, origin: Origin<f32>) -> Result<Vec<f64>, Unseen> {
+    /// [`BoardLimit`].
+    pub fn predict(&self, signal: &Signal, origin: Origin<f32>) -> Result<Vec<f64>, BoardLimit> {
         let zero = f64::from(origin.pressure_zero);
         is_seen(signal, zero)?;
         let state = state_at(self.predictor.model(), signal, &origin);
@@ -134,7 +134,7 @@ impl OnBoard {
 /// # Errors
 ///
 /// Says why not.
-pub fn is_seen(signal: &Signal, zero: f64) -> Result<(), Unseen> {
+pub fn is_seen(signal: &Signal, zero: f64) -> Result<(), BoardLimit> {
     let seen: RangeInclusive<f64> =
         f64::from(*PRESSURES_PA.start())..=f64::from(*PRESSURES_PA.end());
     if !signal
@@ -142,10 +142,10 @@ pub fn is_seen(signal: &Signal, zero: f64) -> Result<(), Unseen> {
         .iter()
         .all(|value| seen.contains(&(value - zero)))
     {
-        return Err(Unseen::Pressure);
+        return Err(BoardLimit::Pressure);
     }
     match signal.times() {
-        [first, .., last] if last - first > LONGEST_S => Err(Unseen::Long),
+        [first, .., last] if last - first > LONGEST_S => Err(BoardLimit::Long),
         _ => Ok(()),
     }
 }
@@ -312,8 +312,11 @@ mod tests {
         let of = |time: Vec<f64>, pressure| {
             board.predict(&Signal::new(time, pressure), at_rest(0.0, 0.0))
         };
-        assert_eq!(of(vec![0.0, 0.1], vec![0.0, 7e5]), Err(Unseen::Pressure));
-        assert_eq!(of(vec![0.0, 2e5], vec![0.0, 0.0]), Err(Unseen::Long));
+        assert_eq!(
+            of(vec![0.0, 0.1], vec![0.0, 7e5]),
+            Err(BoardLimit::Pressure)
+        );
+        assert_eq!(of(vec![0.0, 2e5], vec![0.0, 0.0]), Err(BoardLimit::Long));
         assert!(of(vec![0.0, 0.1, 600.0], vec![0.0, 1e4, 0.0]).is_ok());
     }
 

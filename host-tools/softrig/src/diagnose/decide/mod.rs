@@ -1,6 +1,6 @@
 //! From measurements to an answer: one pure function, whatever the recordings are.
 //!
-//! Each fitted structure is a row of measurements ([`Scored`]); the constants are the
+//! Each fitted structure is a row of measurements ([`StructureScore`]); the constants are the
 //! [`Policy`]. Nothing is simulated or fitted here.
 //!
 //! [`rank`] finds what remains of the structures, after which a table can be fitted beside the
@@ -24,7 +24,7 @@ use softrig_formats::family;
 
 /// The measurements of one structure.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Scored {
+pub struct StructureScore {
     /// Its effects, in the order of the catalogue; none for the refit.
     pub kinds: Vec<Kind>,
     /// Share of the error beyond the noise that it leaves on fitted segments.
@@ -46,7 +46,7 @@ pub struct Scored {
     pub error: Vec<f64>,
 }
 
-impl Scored {
+impl StructureScore {
     /// Whether it has a term of the grammar.
     pub fn is_term(&self) -> bool {
         self.kinds.iter().any(|kind| is_term(*kind))
@@ -136,7 +136,7 @@ pub struct Evidence<'a> {
     /// Whether the noise is so large that an effect may hide below it.
     pub is_noisy: bool,
     /// Every structure that was fitted to all data.
-    pub scored: &'a [Scored],
+    pub scored: &'a [StructureScore],
     /// What remains of them.
     pub ranking: &'a Ranking,
     /// A table beside the first of these.
@@ -317,7 +317,7 @@ impl Evidence<'_> {
 ///    row) stays a rival as long as it explains the error.
 /// 4. An effect whose special case predicts as well gives way to it. Beside one that ended as
 ///    its special case, that stays a rival if it alone would be taken.
-pub fn rank(scored: &[Scored], tried: usize, policy: &Policy) -> Ranking {
+pub fn rank(scored: &[StructureScore], tried: usize, policy: &Policy) -> Ranking {
     let ranking = ranked(scored, policy);
     let Some(first) = ranking.first().filter(|_| ranking.is_firm) else {
         return ranking;
@@ -329,7 +329,7 @@ pub fn rank(scored: &[Scored], tried: usize, policy: &Policy) -> Ranking {
     let places: Vec<usize> = (0..scored.len())
         .filter(|&row| size(row) <= tried)
         .collect();
-    let smaller: Vec<Scored> = places.iter().map(|&row| scored[row].clone()).collect();
+    let smaller: Vec<StructureScore> = places.iter().map(|&row| scored[row].clone()).collect();
     let within = ranked(&smaller, policy);
     let own = within.first().map(|row| places[row]);
     let is_within = |own: &usize| {
@@ -354,13 +354,13 @@ pub fn rank(scored: &[Scored], tried: usize, policy: &Policy) -> Ranking {
 /// combination that explains the recordings without any. Where it leaves more: nothing that has a
 /// name explains a part of the error, and it leaves half of what every single effect does. A term is
 /// one of many, and has no history; what has a name goes before it.
-pub fn offers_terms(scored: &[Scored], policy: &Policy) -> bool {
+pub fn offers_terms(scored: &[StructureScore], policy: &Policy) -> bool {
     let (terms, effects): (Vec<usize>, Vec<usize>) = (0..scored.len())
         .filter(|&row| takes_part(&scored[row]))
         .partition(|&row| scored[row].is_term());
     let firm = terms.into_iter().filter(|&row| scored[row].doubt.is_none());
     let (Some(term), Some(refit)) = (
-        least(scored, firm, Scored::leaves),
+        least(scored, firm, StructureScore::leaves),
         scored.iter().find(|row| row.kinds.is_empty()),
     ) else {
         return false;
@@ -371,20 +371,21 @@ pub fn offers_terms(scored: &[Scored], policy: &Policy) -> bool {
     } else {
         1.0 / policy.term_leaves
     };
-    let is_far = |single: &Scored| {
+    let is_far = |single: &StructureScore| {
         single.fitted >= far * term.fitted && single.held_out >= far * term.held_out
     };
     let singles = effects.iter().map(|&row| &scored[row]);
     let mut singles = singles.filter(|row| row.kinds.len() == 1);
     let known = leader(scored, &effects, refit, policy).map(|row| &scored[row]);
-    let goes_first =
-        |known: &Scored| !term.at_noise || known.kinds.len() > 1 && term.leaves() > known.leaves();
+    let goes_first = |known: &StructureScore| {
+        !term.at_noise || known.kinds.len() > 1 && term.leaves() > known.leaves()
+    };
     singles.all(is_far) && !known.is_some_and(goes_first)
 }
 
 /// Whether a term has a memory for which another without one makes up: it leaves about as much.
-pub fn remembers_in_vain(row: &Scored, others: &[Scored], policy: &Policy) -> bool {
-    let remembers = |row: &Scored| {
+pub fn remembers_in_vain(row: &StructureScore, others: &[StructureScore], policy: &Policy) -> bool {
+    let remembers = |row: &StructureScore| {
         let mut terms = row.kinds.iter().filter(|kind| is_term(**kind));
         terms.any(|kind| !kind.info().states.is_empty())
     };
@@ -397,7 +398,7 @@ pub fn remembers_in_vain(row: &Scored, others: &[Scored], policy: &Policy) -> bo
         })
 }
 
-fn ranked(scored: &[Scored], policy: &Policy) -> Ranking {
+fn ranked(scored: &[StructureScore], policy: &Policy) -> Ranking {
     let rows: Vec<usize> = (0..scored.len())
         .filter(|&row| takes_part(&scored[row]))
         .collect();
@@ -415,7 +416,7 @@ fn ranked(scored: &[Scored], policy: &Policy) -> Ranking {
 }
 
 /// The structures of a size with their probabilities, the one that leaves least first.
-pub fn of_size(scored: &[Scored], size: usize, policy: &Policy) -> Vec<(usize, f64)> {
+pub fn of_size(scored: &[StructureScore], size: usize, policy: &Policy) -> Vec<(usize, f64)> {
     let mut rows: Vec<usize> = (0..scored.len())
         .filter(|&row| scored[row].kinds.len() == size)
         .collect();
@@ -426,8 +427,9 @@ pub fn of_size(scored: &[Scored], size: usize, policy: &Policy) -> Vec<(usize, f
 
 /// Twice the logarithm of how much less likely the held-out segments are than under the
 /// best structure of that size.
-pub fn behind(scored: &[Scored], row: usize) -> f64 {
-    let density = |row: &Scored| row.density.iter().sum::<f64>() / row.density.len().max(1) as f64;
+pub fn behind(scored: &[StructureScore], row: usize) -> f64 {
+    let density =
+        |row: &StructureScore| row.density.iter().sum::<f64>() / row.density.len().max(1) as f64;
     let size = scored[row].kinds.len();
     let best = scored
         .iter()
@@ -439,7 +441,7 @@ pub fn behind(scored: &[Scored], row: usize) -> f64 {
 
 /// The probability of each structure of a size, in the order of `scored`, from its odds
 /// against the leader; zero for the others.
-fn probabilities(scored: &[Scored], size: usize, policy: &Policy) -> Vec<f64> {
+fn probabilities(scored: &[StructureScore], size: usize, policy: &Policy) -> Vec<f64> {
     let of_size = (0..scored.len()).filter(|&row| scored[row].kinds.len() == size);
     let Some(first) = least(scored, of_size, |row| weighed(row, policy)) else {
         return vec![0.0; scored.len()];
@@ -457,7 +459,7 @@ fn probabilities(scored: &[Scored], size: usize, policy: &Policy) -> Vec<f64> {
 }
 
 /// What a structure leaves, more where there is a doubt about it: the least of a size leads.
-fn weighed(row: &Scored, policy: &Policy) -> f64 {
+fn weighed(row: &StructureScore, policy: &Policy) -> f64 {
     let factor = if row.doubt.is_some() {
         policy.doubted
     } else {
@@ -467,7 +469,12 @@ fn weighed(row: &Scored, policy: &Policy) -> f64 {
 }
 
 /// The leading structure; none if no effect closes a part of the error.
-fn leader(scored: &[Scored], rows: &[usize], refit: &Scored, policy: &Policy) -> Option<usize> {
+fn leader(
+    scored: &[StructureScore],
+    rows: &[usize],
+    refit: &StructureScore,
+    policy: &Policy,
+) -> Option<usize> {
     let mut before = refit;
     let mut chosen = None;
     let largest = rows.iter().map(|&row| scored[row].kinds.len()).max()?;
@@ -489,7 +496,7 @@ fn leader(scored: &[Scored], rows: &[usize], refit: &Scored, policy: &Policy) ->
 
 /// Whether a structure leaves much less than every one within it that could be named: each of its
 /// effects has a part in what it explains.
-fn carries_each(scored: &[Scored], row: usize, policy: &Policy) -> bool {
+fn carries_each(scored: &[StructureScore], row: usize, policy: &Policy) -> bool {
     let row = &scored[row];
     let within = scored.iter().filter(|other| {
         let mut kinds = other.kinds.iter();
@@ -503,7 +510,7 @@ fn carries_each(scored: &[Scored], row: usize, policy: &Policy) -> bool {
 }
 
 /// Whether a structure replaces a smaller one.
-fn is_taken(row: &Scored, before: &Scored, policy: &Policy) -> bool {
+fn is_taken(row: &StructureScore, before: &StructureScore, policy: &Policy) -> bool {
     let (most, each) = if before.kinds.is_empty() {
         (1.0 - policy.part, 1.0)
     } else {
@@ -522,7 +529,7 @@ fn is_taken(row: &Scored, before: &Scored, policy: &Policy) -> bool {
 
 /// The leader and the structures that cannot be distinguished from it, the one that leaves
 /// least first.
-fn rivals(scored: &[Scored], rows: &[usize], leader: usize, policy: &Policy) -> Vec<usize> {
+fn rivals(scored: &[StructureScore], rows: &[usize], leader: usize, policy: &Policy) -> Vec<usize> {
     let mut rivals: Vec<usize> = rows
         .iter()
         .copied()
@@ -545,7 +552,7 @@ fn rejected(policy: &Policy) -> f64 {
 /// rejection. By the draws, the odds are those of the better prediction. Where something is
 /// left beyond noise, errors alone count within a family, and the less favourable of both
 /// between families. What these recordings cannot exclude stays on the verge.
-pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
+pub fn odds(rival: &StructureScore, first: &StructureScore, policy: &Policy) -> f64 {
     let odds = measured_odds(rival, first, policy);
     if cannot_be_excluded(rival, first, policy) {
         odds.max(rejected(policy))
@@ -554,7 +561,7 @@ pub fn odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
     }
 }
 
-fn measured_odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
+fn measured_odds(rival: &StructureScore, first: &StructureScore, policy: &Policy) -> f64 {
     let ratio = rival.leaves() / first.leaves();
     // A parameter at its bound makes another effect of it, or bends it.
     let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= policy.doubted_leaves;
@@ -584,7 +591,7 @@ fn measured_odds(rival: &Scored, first: &Scored, policy: &Policy) -> f64 {
 
 /// Whether a structure stays a rival whatever its odds: the leader ended as this special case,
 /// which alone is taken, or it can imitate this effect, which explains the error.
-fn cannot_be_excluded(rival: &Scored, first: &Scored, policy: &Policy) -> bool {
+fn cannot_be_excluded(rival: &StructureScore, first: &StructureScore, policy: &Policy) -> bool {
     let ended_there = first.degenerate
         && is_special_case(&rival.kinds, &first.kinds)
         && rival.leaves() <= 1.0 - policy.part;
@@ -597,7 +604,7 @@ fn cannot_be_excluded(rival: &Scored, first: &Scored, policy: &Policy) -> bool {
 /// The rivals, except those that these recordings do not distinguish from another one that is their
 /// special case.
 fn without_general_cases(
-    scored: &[Scored],
+    scored: &[StructureScore],
     rivals: &[usize],
     leader: usize,
     policy: &Policy,
@@ -620,16 +627,16 @@ fn without_general_cases(
 }
 
 fn least(
-    scored: &[Scored],
+    scored: &[StructureScore],
     rows: impl Iterator<Item = usize>,
-    weight: impl Fn(&Scored) -> f64,
+    weight: impl Fn(&StructureScore) -> f64,
 ) -> Option<usize> {
     rows.min_by(|&a, &b| weight(&scored[a]).total_cmp(&weight(&scored[b])))
 }
 
 /// Whether a structure can be an answer: effects of families of their own, and an error that
 /// could be measured.
-fn takes_part(row: &Scored) -> bool {
+fn takes_part(row: &StructureScore) -> bool {
     let mut families = family::of_all(&row.kinds);
     families.dedup();
     !row.kinds.is_empty() && families.len() == row.kinds.len() && row.leaves().is_finite()
@@ -670,8 +677,8 @@ mod tests {
     const POLICY: Policy = Policy::STANDARD;
 
     /// A structure that leaves this share, and is better than one that leaves more.
-    fn row(kinds: &[Kind], leaves: f64) -> Scored {
-        Scored {
+    fn row(kinds: &[Kind], leaves: f64) -> StructureScore {
+        StructureScore {
             kinds: kinds.to_vec(),
             fitted: leaves,
             held_out: leaves,
@@ -685,22 +692,22 @@ mod tests {
     }
 
     /// The same, as likely as one that leaves the share `like`.
-    fn as_likely(kinds: &[Kind], leaves: f64, like: f64) -> Scored {
-        Scored {
+    fn as_likely(kinds: &[Kind], leaves: f64, like: f64) -> StructureScore {
+        StructureScore {
             density: row(kinds, like).density,
             ..row(kinds, leaves)
         }
     }
 
-    fn doubted(row: Scored) -> Scored {
-        Scored {
+    fn doubted(row: StructureScore) -> StructureScore {
+        StructureScore {
             doubt: Some(Doubt::AtBound),
             ..row
         }
     }
 
-    fn at_noise(row: Scored) -> Scored {
-        Scored {
+    fn at_noise(row: StructureScore) -> StructureScore {
+        StructureScore {
             at_noise: true,
             ..row
         }
@@ -730,7 +737,7 @@ mod tests {
 
     /// What is said of rows where more than noise is left, and of what `change` makes of that.
     fn said(
-        rows: &[Scored],
+        rows: &[StructureScore],
         undone: &[SearchPart],
         change: impl FnOnce(&mut Evidence<'_>),
     ) -> Said {
@@ -780,7 +787,7 @@ mod tests {
         let c = [CubicStiffness];
         let m = [MaxwellBranch];
         let pair = [CoulombFriction, Gravity];
-        let cases: Vec<(&str, Vec<Scored>, Said)> = vec![
+        let cases: Vec<(&str, Vec<StructureScore>, Said)> = vec![
             ("nothing was fitted", vec![], Said::Unexplained(vec![])),
             ("explains most", vec![row(&g, 0.33)], Named(1, Explains)),
             ("explains part", vec![row(&g, 0.34)], Named(1, Part)),
@@ -788,7 +795,7 @@ mod tests {
             ("closes less", vec![row(&g, 0.76)], nearest(Gravity)),
             (
                 "neither its density nor its error holds in the draws",
-                vec![Scored {
+                vec![StructureScore {
                     error: vec![2.0; 4],
                     ..as_likely(&g, 0.5, 1.1)
                 }],
@@ -832,11 +839,11 @@ mod tests {
             (
                 "at the noise, formulas that differ by less than a sensor shows",
                 vec![
-                    Scored {
+                    StructureScore {
                         rms: 5.0,
                         ..at_noise(row(&g, 0.02))
                     },
-                    Scored {
+                    StructureScore {
                         rms: 5.05,
                         ..row(&c, 0.025)
                     },
@@ -852,7 +859,7 @@ mod tests {
                 "a line of the drive beside a curve",
                 vec![
                     row(&g, 0.20),
-                    Scored {
+                    StructureScore {
                         doubt: Some(Doubt::Drive),
                         ..as_likely(&[PeriodicDisturbance], 0.21, 0.20)
                     },
@@ -903,7 +910,7 @@ mod tests {
             (
                 "an effect that ended as its special case",
                 vec![
-                    Scored {
+                    StructureScore {
                         degenerate: true,
                         ..row(&[StribeckFriction], 0.20)
                     },
@@ -925,7 +932,7 @@ mod tests {
                 "a second effect that helps only where it was fitted",
                 vec![
                     row(&g, 0.5),
-                    Scored {
+                    StructureScore {
                         fitted: 0.1,
                         held_out: 0.4,
                         ..row(&pair, 0.2)
@@ -966,7 +973,7 @@ mod tests {
             ),
         ];
         for (about, rows, expected) in cases {
-            let rows: Vec<Scored> = std::iter::once(row(&[], 1.0)).chain(rows).collect();
+            let rows: Vec<StructureScore> = std::iter::once(row(&[], 1.0)).chain(rows).collect();
             assert_eq!(said(&rows, &[], |_| ()), expected, "{about}");
         }
     }
@@ -1030,8 +1037,9 @@ mod tests {
     fn a_table_shows_a_wrong_formula() {
         let rows = [row(&[], 1.0), row(&[Gravity], 0.3)];
         let of = Variable::Angle;
-        let with =
-            |rows: &[Scored], leaves| said(rows, &[], |it| it.beside = Some(Beside { of, leaves }));
+        let with = |rows: &[StructureScore], leaves| {
+            said(rows, &[], |it| it.beside = Some(Beside { of, leaves }))
+        };
         assert_eq!(with(&rows, [0.9, 0.5]), Said::Named(1, Strength::Explains));
         assert_eq!(with(&rows, [0.8, 0.8]), Said::Shape(1));
         // One that cannot be named anyway has at least its shape.
@@ -1045,7 +1053,7 @@ mod tests {
     fn what_is_left_without_an_effect_decides_first() {
         let rows = [row(&[], 1.0), row(&[Gravity], 0.3)];
         let refit = &rows[..1];
-        let left = |rows: &[Scored], remains, is_noisy, undone: &[SearchPart]| {
+        let left = |rows: &[StructureScore], remains, is_noisy, undone: &[SearchPart]| {
             said(rows, undone, |it| {
                 it.remains = remains;
                 it.is_noisy = is_noisy;
@@ -1112,7 +1120,7 @@ mod tests {
     ];
 
     /// Measurements as they might be: errors in eight draws about their mean, and a density.
-    fn drawn() -> impl Strategy<Value = Vec<Scored>> {
+    fn drawn() -> impl Strategy<Value = Vec<StructureScore>> {
         let doubt = prop_oneof![3 => Just(None), 1 => Just(Some(Doubt::AtBound))];
         let draws = || proptest::collection::vec(0.8..1.25, 8);
         let row = (0.02..1.3, 0.9..1.1, doubt, draws(), draws(), any::<bool>());
@@ -1120,7 +1128,7 @@ mod tests {
             |rows| {
                 let rows = SETS.iter().zip(rows).filter_map(|(kinds, row)| {
                     let (leaves, apart, doubt, errors, densities, is_quiet) = row?;
-                    Some(Scored {
+                    Some(StructureScore {
                         kinds: kinds.to_vec(),
                         fitted: leaves * apart,
                         held_out: leaves / apart,
@@ -1131,7 +1139,7 @@ mod tests {
                         ..self::row(kinds, leaves)
                     })
                 });
-                let refit = Scored {
+                let refit = StructureScore {
                     density: vec![-100.0; 8],
                     error: vec![1.0; 8],
                     ..self::row(&[], 1.0)
@@ -1141,7 +1149,7 @@ mod tests {
         )
     }
 
-    fn found(rows: &[Scored], undone: &[SearchPart]) -> Finding {
+    fn found(rows: &[StructureScore], undone: &[SearchPart]) -> Finding {
         let undone = undone.iter().copied().collect();
         let ranking = rank(rows, tried_sizes(&undone), &POLICY);
         let repaired = ranking.first().map_or(&[][..], |row| &rows[row].kinds);
@@ -1159,7 +1167,7 @@ mod tests {
         )
     }
 
-    fn row_of<'a>(rows: &'a [Scored], kinds: &[Kind]) -> &'a Scored {
+    fn row_of<'a>(rows: &'a [StructureScore], kinds: &[Kind]) -> &'a StructureScore {
         rows.iter().find(|row| row.kinds == kinds).unwrap()
     }
 
@@ -1289,7 +1297,7 @@ mod tests {
             };
             let scaled = |values: &[f64]| values.iter().map(|it| worse * it).collect();
             let mut more = rows.clone();
-            more.push(Scored {
+            more.push(StructureScore {
                 kinds: kinds.to_vec(),
                 fitted: worse * own.fitted,
                 held_out: worse * own.held_out,

@@ -38,12 +38,12 @@ pub struct TestRun {
 
 /// A model as fitted, with the zeros of the fitted recordings.
 #[derive(Clone, Copy, Debug)]
-pub struct Fitted<'a> {
+pub struct FittedModel<'a> {
     model: &'a Model<f64>,
     zeros: Nuisance,
 }
 
-impl<'a> Fitted<'a> {
+impl<'a> FittedModel<'a> {
     /// With the mean zeros of the sessions of `data` that were fitted, at least in part.
     pub fn of(fit: &'a Fit, data: &Dataset) -> Self {
         let fitted = fit.nuisances.iter().enumerate();
@@ -71,7 +71,7 @@ impl<'a> Fitted<'a> {
 fn run(
     recording: &Recording,
     start: StartFrom,
-    models: &[Fitted<'_>; 3],
+    models: &[FittedModel<'_>; 3],
     tube_mm: Option<f64>,
     subtracted: f64,
 ) -> TestRun {
@@ -82,7 +82,7 @@ fn run(
     let clock = recording.time.first().copied().unwrap_or(0.0);
     let placement = Placement::of_recording(recording, tube_mm);
     let session = Session::new(moved, clock, Vec::new()).standing(placement);
-    let [nominal, refit, repaired] = models.map(|Fitted { model, zeros }| {
+    let [nominal, refit, repaired] = models.map(|FittedModel { model, zeros }| {
         let simulated = simulate_from(model, &session, &zeros, start);
         error_of(&simulated, session.recording(), start)
     });
@@ -102,7 +102,7 @@ fn run(
 /// Simulates the nominal, the refitted and the repaired model over test recordings.
 pub fn runs(
     tests: &[(&Recording, StartFrom)],
-    models: &[Fitted<'_>; 3],
+    models: &[FittedModel<'_>; 3],
     data: &Dataset,
     subtracted: f64,
 ) -> Vec<TestRun> {

@@ -15,7 +15,7 @@ use crate::diagnose::evidence::validation::{CrossValidator, Errors, at_horizons}
 use crate::diagnose::fit::candidates::Candidate;
 use crate::diagnose::fit::levels::{Estimate, Levels};
 use crate::diagnose::work::budget::SearchPart;
-use crate::diagnose::work::executor::Unfitted;
+use crate::diagnose::work::executor::NoFit;
 use crate::diagnose::work::policy::{Policy, Search};
 use crate::diagnose::work::progress::Best;
 use crate::estimate::filter::Pace;
@@ -62,7 +62,7 @@ impl MeasuredStructure {
 
 /// A structure of the search, with its best fit.
 #[derive(Clone, Debug)]
-pub struct Measured {
+pub struct StructureFit {
     /// The structure as fitted at every level.
     pub estimate: Estimate,
     /// Index of the level that counts.
@@ -80,7 +80,7 @@ pub struct Measured {
     pub row: MeasuredStructure,
 }
 
-impl Measured {
+impl StructureFit {
     /// As it is shown while the search goes on, beside the RMS error (rad) of the refit on held-out
     /// segments.
     fn so_far(&self, refit: f64) -> Best {
@@ -94,7 +94,7 @@ impl Measured {
 }
 
 /// The nominal structure, with which others are compared.
-pub struct Baseline {
+pub struct Reference {
     estimate: Estimate,
     /// Least error of any level at each horizon (rad): on the subsample, on all fitted
     /// segments, on held-out segments.
@@ -135,7 +135,7 @@ impl MeasureContext<'_> {
     /// # Errors
     ///
     /// If the time was up.
-    pub fn baseline(&self, estimate: Estimate) -> Result<Baseline, Unfitted> {
+    pub fn baseline(&self, estimate: Estimate) -> Result<Reference, NoFit> {
         let mut fitted = [[f64::INFINITY; 3]; 2];
         let mut held_out = [f64::INFINITY; 3];
         let least = |least: &mut [f64; 3], errors: Errors| {
@@ -157,7 +157,7 @@ impl MeasureContext<'_> {
             );
         }
         let [on_subsample, fitted] = fitted;
-        Ok(Baseline {
+        Ok(Reference {
             discrepancy: self.discrepancy(&estimate),
             random_walk: self.random_walk(&estimate),
             estimate,
@@ -172,10 +172,10 @@ impl MeasureContext<'_> {
     /// than `most` on the subsample.
     pub fn measure(
         &self,
-        baseline: &Baseline,
+        baseline: &Reference,
         estimates: Vec<Estimate>,
         most: f64,
-    ) -> Vec<Measured> {
+    ) -> Vec<StructureFit> {
         /// Number of each.
         const MEASURED: usize = 5;
         let executor = self.levels.executor();
@@ -210,7 +210,7 @@ impl MeasureContext<'_> {
             .collect()
     }
 
-    fn coarse(&self, baseline: &Baseline, estimate: Estimate) -> Result<CoarseMeasure, Unfitted> {
+    fn coarse(&self, baseline: &Reference, estimate: Estimate) -> Result<CoarseMeasure, NoFit> {
         self.levels.executor().check()?;
         let (level, leaves) = (0..estimate.fits.len())
             .map(|level| {
@@ -223,7 +223,7 @@ impl MeasureContext<'_> {
             })
             .filter(|(_, left)| left.is_finite())
             .min_by(|a, b| a.1.total_cmp(&b.1))
-            .ok_or(Unfitted::Diverged)?;
+            .ok_or(NoFit::Diverged)?;
         let fit = &estimate.fits[level];
         let more = fit.free.len() as f64 - baseline.estimate.fits[0].free.len() as f64;
         let samples = fit.samples().max(2) as f64;
@@ -237,7 +237,7 @@ impl MeasureContext<'_> {
         })
     }
 
-    fn measured(&self, baseline: &Baseline, coarse: CoarseMeasure) -> Result<Measured, Unfitted> {
+    fn measured(&self, baseline: &Reference, coarse: CoarseMeasure) -> Result<StructureFit, NoFit> {
         let CoarseMeasure {
             estimate,
             level,
@@ -250,9 +250,9 @@ impl MeasureContext<'_> {
         let left = mean_share(&self.shares(&row.fitted, &baseline.fitted));
         let left_out = mean_share(&shares);
         if !(left.is_finite() && left_out.is_finite()) {
-            return Err(Unfitted::Diverged);
+            return Err(NoFit::Diverged);
         }
-        Ok(Measured {
+        Ok(StructureFit {
             closure: of_shares(shares),
             leaves: (left * left_out).sqrt(),
             evidence,

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use crate::diagnose::fit::candidates::Candidate;
 use crate::diagnose::fit::structures;
 use crate::diagnose::work::budget::SearchPart;
-use crate::diagnose::work::executor::{Executor, Unfitted};
+use crate::diagnose::work::executor::{Executor, NoFit};
 use crate::diagnose::work::job::Job;
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::Effort;
@@ -92,13 +92,13 @@ pub fn contradictions(
 ///
 /// # Errors
 ///
-/// [`Unfitted`] where no model can be fitted, or the time is up.
+/// [`NoFit`] where no model can be fitted, or the time is up.
 fn with_weight(
     file: &ModelFile,
     data: &Dataset,
     refit: &Candidate,
     executor: Executor<'_>,
-) -> Result<f64, Unfitted> {
+) -> Result<f64, NoFit> {
     let fitter = Fitter::new(&file.model, data);
     let without = executor.fit(&fitter, &refit.fit.model, &file.free, Effort::Full)?;
     let mut left = vec![without.rmse()];
@@ -108,13 +108,13 @@ fn with_weight(
         for base in [refit, &nominal] {
             match structures::fit(file, data, base, &[Kind::Gravity], executor) {
                 Ok(weight) => left.push(weight.fit.rmse()),
-                Err(Unfitted::Diverged) => {}
-                Err(Unfitted::NotReached) => return Err(Unfitted::NotReached),
+                Err(NoFit::Diverged) => {}
+                Err(NoFit::NotReached) => return Err(NoFit::NotReached),
             }
         }
     }
     let finite = left.into_iter().filter(|left| left.is_finite());
-    finite.reduce(f64::min).ok_or(Unfitted::Diverged)
+    finite.reduce(f64::min).ok_or(NoFit::Diverged)
 }
 
 /// Sessions with the same stated tilt.

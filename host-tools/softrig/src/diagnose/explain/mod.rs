@@ -14,11 +14,11 @@ use super::decide::verdict::{
     Adequacy, EndedBy, Experiment, FittedError, HeldOutError, NamedEffect, Place, Remaining,
     Repair, SCHEMA, Step, TestError, Verdict,
 };
-use super::evidence::free_run::{self, Fitted, TestRun};
+use super::evidence::free_run::{self, FittedModel, TestRun};
 use super::evidence::measure::{Closure, leaves_beyond};
 use super::evidence::validation::HeldOut;
 use super::experiment::plan::{Limits, Proposal, propose, work_min};
-use super::fit::candidates::{Candidate, Untried};
+use super::fit::candidates::{Candidate, SkippedEffect};
 use super::fit::identifiability::Identifiability;
 use super::recordings::noise::NoiseFloor;
 use super::recordings::quality::Concern;
@@ -26,7 +26,7 @@ use super::score::grammar::is_term;
 use super::score::localise::Gap;
 use super::score::steps::StepGap;
 use super::search::selection::FittedStructure;
-use super::work::budget::Ended;
+use super::work::budget::BudgetEnd;
 use super::work::request::Request;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
@@ -87,9 +87,9 @@ pub struct Diagnosis {
     /// Features of the responses to steps in which the refit is off.
     pub steps: Vec<StepGap>,
     /// Effects that were not tried, because they do not apply or the time was up.
-    pub untried: Vec<Untried>,
+    pub untried: Vec<SkippedEffect>,
     /// The parts that were not done, if a budget ended the search.
-    pub ended: Option<Ended>,
+    pub ended: Option<BudgetEnd>,
 }
 
 /// Residuals (rad) on the held-out segments, of the nominal model, the refit, the
@@ -142,7 +142,7 @@ impl Diagnosis {
         subtracted: f64,
     ) -> Vec<TestRun> {
         let fits = [&self.nominal, &self.refit, &self.repaired.fit];
-        let models = fits.map(|fit| Fitted::of(fit, &self.data));
+        let models = fits.map(|fit| FittedModel::of(fit, &self.data));
         free_run::runs(tests, &models, &self.data, subtracted)
     }
 
@@ -259,7 +259,7 @@ impl Diagnosis {
             not_tried: self
                 .ended
                 .as_ref()
-                .map(Ended::not_tried)
+                .map(BudgetEnd::not_tried)
                 .unwrap_or_default(),
             seed: request.seed,
             tool_version: env!("CARGO_PKG_VERSION").to_owned(),

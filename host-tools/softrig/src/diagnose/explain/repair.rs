@@ -10,7 +10,7 @@ use crate::diagnose::decide::finding::Finding;
 use crate::diagnose::decide::verdict::{Answer, Zeros};
 use crate::diagnose::score::grammar::is_term;
 use crate::estimate::fit::Fit;
-use crate::sim::board::{self, Unseen};
+use crate::sim::board::{self, BoardLimit};
 
 /// What is to become of the model that `-o` writes on a board.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -105,11 +105,11 @@ impl Diagnosis {
         }
         let zeros = self.fit_to_keep().nuisances.iter();
         let mut sessions = self.data.sessions().iter().zip(zeros);
-        let beyond = Err(Unseen::Pressure);
+        let beyond = Err(BoardLimit::Pressure);
         if sessions.any(|(it, zeros)| board::is_seen(it.signal(), zeros.pressure_zero) == beyond) {
             return Upload::Refused(format!(
                 "No board can run this rig: {}. Use the model on the computer.",
-                Unseen::Pressure
+                BoardLimit::Pressure
             ));
         }
         if self.held_out.repaired_on_board < self.held_out.nominal {

@@ -11,7 +11,7 @@ use model_core::effects::{Mechanism, Place};
 use crate::diagnose::recordings::needs::{Shown, unmet};
 use crate::diagnose::score::scales::{Scales, combinations, held_value};
 use crate::diagnose::score::{Guess, Guesses};
-use crate::diagnose::work::executor::{Executor, FIRST_STEPS, Unfitted};
+use crate::diagnose::work::executor::{Executor, FIRST_STEPS, NoFit};
 use crate::diagnose::work::policy::Policy;
 use crate::diagnose::work::progress::Best;
 use crate::estimate::filter::Level;
@@ -112,18 +112,14 @@ pub fn typical(kind: Kind, scales: &Scales) -> Option<Effect<f64>> {
 /// # Errors
 ///
 /// Like [`coarse_fit`] and [`final_fit`].
-pub fn added(
-    context: &FitContext<'_>,
-    base: &Candidate,
-    kind: Kind,
-) -> Result<Candidate, Unfitted> {
+pub fn added(context: &FitContext<'_>, base: &Candidate, kind: Kind) -> Result<Candidate, NoFit> {
     let predicted = predicted(context, base, kind, Starts::Scored)?;
     final_fit(context, &coarse_fit(context, &predicted)?, Effort::Full)
 }
 
 /// Why an effect was not tried.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Untried {
+pub struct SkippedEffect {
     /// The effect.
     pub kind: Kind,
     /// The reason, as a clause.
@@ -137,24 +133,24 @@ pub fn applicable(
     own: &[Kind],
     without: &[String],
     fitter: &Fitter<'_>,
-) -> (Vec<Kind>, Vec<Untried>) {
+) -> (Vec<Kind>, Vec<SkippedEffect>) {
     let shown = Shown::by(fitter.data);
     let mut tried = Vec::new();
     let mut untried = Vec::new();
     for &kind in Kind::NAMES.iter().chain(own) {
         let is_this = |effect: Effect<f64>| effect.kind().name() == kind.name();
         if nominal.effects().any(is_this) {
-            untried.push(Untried {
+            untried.push(SkippedEffect {
                 kind,
                 reason: "the model has it already",
             });
         } else if without.iter().any(|name| name == kind.name()) {
-            untried.push(Untried {
+            untried.push(SkippedEffect {
                 kind,
                 reason: "it was asked for without it",
             });
         } else if let Some(need) = shown.unmet(kind) {
-            untried.push(Untried {
+            untried.push(SkippedEffect {
                 kind,
                 reason: unmet(need),
             });
@@ -205,7 +201,7 @@ pub struct FitContext<'a> {
 
 /// An effect added to a fitted structure, where its fit begins.
 #[derive(Clone, Debug)]
-pub struct Predicted {
+pub struct Extension {
     /// The effects, the new one last.
     pub added: Vec<Kind>,
     /// The best initial guesses.
@@ -214,7 +210,7 @@ pub struct Predicted {
     is_scored: bool,
 }
 
-impl Predicted {
+impl Extension {
     /// Two effects beside those of `base`, from one initial guess.
     pub fn of_start(base: &Candidate, pair: [Kind; 2], start: Model<f64>) -> Self {
         Self {
@@ -251,13 +247,13 @@ pub fn predicted(
     base: &Candidate,
     kind: Kind,
     from: Starts,
-) -> Result<Predicted, Unfitted> {
+) -> Result<Extension, NoFit> {
     /// Number of initial guesses to keep.
     const BEST: usize = 2;
     context.executor.check()?;
     let file = context.file;
     if file.model.effects().count() + base.added.len() >= MAX_EFFECTS {
-        return Err(Unfitted::Diverged);
+        return Err(NoFit::Diverged);
     }
     let mut added = base.added.clone();
     added.push(kind);
@@ -265,7 +261,7 @@ pub fn predicted(
     if from == Starts::Scored {
         let starts = guessed(context, base, kind, from);
         if !starts.is_empty() {
-            return Ok(Predicted {
+            return Ok(Extension {
                 added,
                 starts,
                 is_scored: true,
@@ -277,7 +273,7 @@ pub fn predicted(
         .subsample
         .least_predicted(&starts.as_fitted, &free, BEST);
     if best.is_empty() {
-        return Err(Unfitted::Diverged);
+        return Err(NoFit::Diverged);
     }
     let mut starts_on: Vec<Model<f64>> = best.into_iter().map(|(_, model)| model).collect();
     let swinging = context
@@ -295,11 +291,11 @@ pub fn predicted(
             .best_of(short_segments, from, &free, Effort::Coarse)
         {
             Ok(fit) => starts_on.push(fit.model),
-            Err(Unfitted::Diverged) => {}
-            Err(Unfitted::NotReached) => return Err(Unfitted::NotReached),
+            Err(NoFit::Diverged) => {}
+            Err(NoFit::NotReached) => return Err(NoFit::NotReached),
         }
     }
-    Ok(Predicted {
+    Ok(Extension {
         added,
         starts: starts_on,
         is_scored: false,
@@ -311,7 +307,7 @@ pub fn predicted(
 /// # Errors
 ///
 /// If the structure cannot be simulated, or the time was up.
-pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Candidate, Unfitted> {
+pub fn coarse_fit(context: &FitContext<'_>, predicted: &Extension) -> Result<Candidate, NoFit> {
     coarse_fit_below(context, predicted, f64::INFINITY)
 }
 
@@ -323,9 +319,9 @@ pub fn coarse_fit(context: &FitContext<'_>, predicted: &Predicted) -> Result<Can
 /// If the structure cannot be simulated, or the time was up.
 pub fn coarse_fit_below(
     context: &FitContext<'_>,
-    predicted: &Predicted,
+    predicted: &Extension,
     most: f64,
-) -> Result<Candidate, Unfitted> {
+) -> Result<Candidate, NoFit> {
     let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &predicted.added);
     let starts = &predicted.starts;
@@ -368,7 +364,7 @@ pub fn final_fit(
     context: &FitContext<'_>,
     candidate: &Candidate,
     effort: Effort,
-) -> Result<Candidate, Unfitted> {
+) -> Result<Candidate, NoFit> {
     let _job = context.executor.begin()?;
     let free = free_parameters(context.file, &candidate.added);
     let all = context.fitter.data;
@@ -402,8 +398,8 @@ const SHAPED: Effort = Effort::Steps(4);
 pub fn in_best_shape(
     context: &FitContext<'_>,
     mut best: Fit,
-    fit: impl Fn(&Fit) -> Result<Fit, Unfitted>,
-) -> Result<Fit, Unfitted> {
+    fit: impl Fn(&Fit) -> Result<Fit, NoFit>,
+) -> Result<Fit, NoFit> {
     let added = context.file.model.effects().count()..best.model.effects().count();
     for slot in added {
         let Some(model) = with_other_shape(&best.model, slot) else {
@@ -552,7 +548,7 @@ struct Combinations {
 /// # Errors
 ///
 /// If none is held, the structure cannot be simulated, or the time was up.
-pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Result<Candidate, Unfitted> {
+pub fn release(context: &FitContext<'_>, candidate: &Candidate) -> Result<Candidate, NoFit> {
     let first = context.file.model.effects().count();
     let mut free = candidate.fit.free.clone();
     let mut models = Vec::new();

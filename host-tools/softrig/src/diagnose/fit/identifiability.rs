@@ -109,7 +109,7 @@ impl Identifiability {
 
 /// The nominal structure as the recordings identify it.
 #[derive(Clone, Debug)]
-pub struct Refitted {
+pub struct NominalRefit {
     /// The fit.
     pub refit: Candidate,
     /// The model file as fitted, with the parameters that are still free.
@@ -122,7 +122,7 @@ pub struct Refitted {
 
 /// Identifies the nominal structure and holds, one by one, undetermined parameters. None
 /// if the model cannot be simulated.
-pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> Option<Refitted> {
+pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> Option<NominalRefit> {
     let mut file = file.clone();
     let identified = identify(&file.model, &file.free, &EXPONENTS, fitter.data)?;
     let remarks = identified.remarks(&file.model, fitter.data);
@@ -154,7 +154,7 @@ pub fn refit(file: &ModelFile, fitter: &Fitter<'_>) -> Option<Refitted> {
             }
             _ => {
                 file.model = fit.model;
-                return Some(Refitted {
+                return Some(NominalRefit {
                     identified: Identifiability::of(&fit, &held, order),
                     refit: Candidate::of(0, fit),
                     file,
@@ -198,7 +198,7 @@ mod tests {
             .collect();
         let data = Dataset::of(&recordings);
         let fitter = Fitter::new(&file.model, &data);
-        let Refitted {
+        let NominalRefit {
             refit,
             file: without,
             identified: found,

@@ -19,7 +19,7 @@ use crate::diagnose::fit::candidates::{
 };
 use crate::diagnose::score::Guesses;
 use crate::diagnose::work::budget::SearchPart;
-use crate::diagnose::work::executor::{Executor, Unfitted};
+use crate::diagnose::work::executor::{Executor, NoFit};
 use crate::estimate::filter::{Level, Pace, levels};
 use crate::estimate::fit::{Effort, Fit};
 use crate::estimate::fitter::Fitter;
@@ -73,7 +73,7 @@ struct Task<'a> {
 }
 
 /// A structure to fit at all levels.
-struct Chosen<'a> {
+struct Structure<'a> {
     added: Vec<Kind>,
     /// The base that it extends, if any.
     base: Option<&'a Base<'a>>,
@@ -145,7 +145,7 @@ impl<'a> Levels<'a> {
     /// # Errors
     ///
     /// If it cannot be simulated at a level, or the time was up.
-    pub fn base(&self, refit: &Candidate) -> Result<Estimate, Unfitted> {
+    pub fn base(&self, refit: &Candidate) -> Result<Estimate, NoFit> {
         let free = &self.context.file.free;
         let mut fits: Vec<Fit> = Vec::new();
         self.executor()
@@ -242,13 +242,13 @@ impl<'a> Levels<'a> {
     }
 
     /// The best initial guess of an effect at a level, after two steps.
-    fn screened(&self, task: &Task<'_>) -> Result<(f64, Model<f64>), Unfitted> {
+    fn screened(&self, task: &Task<'_>) -> Result<(f64, Model<f64>), NoFit> {
         let _job = self.executor().begin()?;
         let free = free_parameters(self.context.file, &task.added());
         let fitter = self.fitter(task.level);
         let start = self
             .initial_guess(&fitter, task.base, task.kind, task.level)
-            .ok_or(Unfitted::Diverged)?;
+            .ok_or(NoFit::Diverged)?;
         let fit = self
             .executor()
             .best_of(&fitter, &[start], &free, SCREENED)?;
@@ -275,8 +275,8 @@ impl<'a> Levels<'a> {
 
     /// Fits a structure at every level, from its own initial guess there and from the
     /// result of the next shorter level.
-    fn through_levels(&self, chosen: &Chosen<'_>) -> Result<Estimate, Unfitted> {
-        let Chosen {
+    fn through_levels(&self, chosen: &Structure<'_>) -> Result<Estimate, NoFit> {
+        let Structure {
             added,
             base,
             starts,
@@ -315,7 +315,7 @@ impl<'a> Levels<'a> {
     /// # Errors
     ///
     /// If the time was up.
-    pub fn candidate(&self, estimate: &Estimate, level: usize) -> Result<Candidate, Unfitted> {
+    pub fn candidate(&self, estimate: &Estimate, level: usize) -> Result<Candidate, NoFit> {
         let _job = self.executor().begin()?;
         let mut nearest: Vec<usize> = (0..estimate.fits.len()).collect();
         nearest.sort_by_key(|other| other.abs_diff(level));
@@ -353,7 +353,7 @@ impl<'a> Levels<'a> {
     }
 
     /// A fit to everything at one level, from a fit to the subsample.
-    fn finished(&self, start: &Fit, level: usize) -> Result<Fit, Unfitted> {
+    fn finished(&self, start: &Fit, level: usize) -> Result<Fit, NoFit> {
         let chosen = self.level(level);
         let data = self.context.fitter.data;
         let guessed = (start.nuisances.len() == data.sessions().len())
@@ -383,7 +383,7 @@ impl<'a> Levels<'a> {
 struct Shortlist<'a> {
     /// Number of levels.
     levels: usize,
-    chosen: Vec<Chosen<'a>>,
+    chosen: Vec<Structure<'a>>,
 }
 
 impl<'a> Shortlist<'a> {
@@ -399,7 +399,7 @@ impl<'a> Shortlist<'a> {
         let set = sorted(&added);
         let place = self.chosen.iter().position(|it| sorted(&it.added) == set);
         let place = place.unwrap_or_else(|| {
-            self.chosen.push(Chosen {
+            self.chosen.push(Structure {
                 added,
                 base,
                 starts: vec![None; self.levels],

@@ -18,7 +18,7 @@ use crate::estimate::fitter::Fitter;
 use crate::portable::product;
 
 use crate::diagnose::fit::candidates::{
-    Candidate, FitContext, Predicted, free_parameters, starts_from,
+    Candidate, Extension, FitContext, free_parameters, starts_from,
 };
 use crate::diagnose::score::Guesses;
 
@@ -39,7 +39,7 @@ struct Direction {
 
 /// The predicted SSE of every pair of effects added to `base`, least first. Empty if the
 /// model has no room for two more.
-pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Predicted> {
+pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec<Extension> {
     let known = context.file.model.effects().count() + base.added.len();
     if known + 2 > MAX_EFFECTS {
         return Vec::new();
@@ -67,7 +67,7 @@ pub fn ranked(context: &FitContext<'_>, base: &Candidate, kinds: &[Kind]) -> Vec
         .into_iter()
         .filter_map(|(_, a, b)| {
             let (a, b) = (&directions[a], &directions[b]);
-            let predicted = Predicted::of_start(base, [a.kind, b.kind], both(base, a, b)?);
+            let predicted = Extension::of_start(base, [a.kind, b.kind], both(base, a, b)?);
             seen.insert(predicted.set()).then_some(predicted)
         })
         .collect()
@@ -307,7 +307,7 @@ mod tests {
         ];
         ranked(&context, &base, &kinds)
             .iter()
-            .map(Predicted::set)
+            .map(Extension::set)
             .collect()
     }
 

@@ -5,7 +5,7 @@ use model_core::catalogue::Kind;
 use crate::diagnose::fit::candidates::{Candidate, FitContext, added};
 use crate::diagnose::score::Guesses;
 use crate::diagnose::score::scales::Scales;
-use crate::diagnose::work::executor::{Executor, Unfitted};
+use crate::diagnose::work::executor::{Executor, NoFit};
 use crate::estimate::Dataset;
 use crate::estimate::fitter::Fitter;
 use crate::estimate::subsample::{ENOUGH_TO_FIT, subsample};
@@ -16,14 +16,14 @@ use softrig_formats::model_file::ModelFile;
 ///
 /// # Errors
 ///
-/// [`Unfitted`] where a structure on the way cannot be simulated, or is not reached.
+/// [`NoFit`] where a structure on the way cannot be simulated, or is not reached.
 pub fn fit(
     file: &ModelFile,
     data: &Dataset,
     refit: &Candidate,
     kinds: &[Kind],
     executor: Executor<'_>,
-) -> Result<Candidate, Unfitted> {
+) -> Result<Candidate, NoFit> {
     let fitter = Fitter::new(&file.model, data);
     let subsample = subsample(
         &data.guessing(&refit.fit.nuisances),

@@ -16,7 +16,7 @@ use statrs::statistics::{Data, OrderStatistics};
 
 use crate::diagnose::fit::candidates::{Candidate, FitContext};
 use crate::diagnose::work::budget::SearchPart;
-use crate::diagnose::work::executor::Unfitted;
+use crate::diagnose::work::executor::NoFit;
 use crate::estimate::fit::Effort;
 use crate::estimate::fitter::Fitter;
 use crate::estimate::smooth::motions;
@@ -60,7 +60,7 @@ fn fitted(
     context: &FitContext<'_>,
     base: &Candidate,
     of: Variable,
-) -> Option<Result<Candidate, Unfitted>> {
+) -> Option<Result<Candidate, NoFit>> {
     let from = &base.fit.model;
     let slot = from.effects().count();
     let nodes = nodes(context.fitter, of)?;

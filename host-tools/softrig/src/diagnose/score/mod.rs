@@ -400,7 +400,7 @@ struct Tracks {
 }
 
 /// What an effect adds at each sample of a session: force (N) and reading (rad).
-struct Added {
+struct EffectTerms {
     force: Vec<f64>,
     reading: Vec<f64>,
 }
@@ -487,7 +487,7 @@ impl Tracks {
                     let samples = track.samples.iter();
                     samples.map(|sample| of(sample)[which]).collect()
                 });
-                Added { force, reading }
+                EffectTerms { force, reading }
             };
             let sessions = self.sessions.iter();
             sessions
@@ -529,7 +529,7 @@ impl Tracks {
 
     /// The best guess of an effect in each view.
     fn guesses(&self, kind: Kind, scales: &Scales) -> Vec<Guess> {
-        let of_all = |values: &[f64]| -> Option<Vec<Added>> {
+        let of_all = |values: &[f64]| -> Option<Vec<EffectTerms>> {
             let effect = kind.build(values)?;
             let sessions = self.sessions.iter();
             Some(
@@ -563,7 +563,7 @@ impl Tracks {
                     .collect();
                 of_all(&only)
             };
-            let parts: Option<Vec<Vec<Added>>> = if sizes.is_empty() {
+            let parts: Option<Vec<Vec<EffectTerms>>> = if sizes.is_empty() {
                 of_all(&values).map(|part| vec![part])
             } else {
                 sizes.iter().map(|&size| alone(size)).collect()
@@ -835,7 +835,7 @@ impl Track {
 
     /// By how much the innovations of a view change with what is added to the model, to first
     /// order.
-    fn response(&self, added: &Added, view: usize) -> Vec<f64> {
+    fn response(&self, added: &EffectTerms, view: usize) -> Vec<f64> {
         let mut state = Vector3::zeros();
         let mut before = 0.0;
         let each = self.views[view]
@@ -859,7 +859,7 @@ impl Track {
     }
 
     /// What an effect adds along the motion.
-    fn added(&self, base: &Dynamics<f64>, effect: &Effect<f64>) -> Added {
+    fn added(&self, base: &Dynamics<f64>, effect: &Effect<f64>) -> EffectTerms {
         added(base, &self.placement.place_effect(*effect), &self.samples)
     }
 }
@@ -901,8 +901,8 @@ fn measured(base: &Dynamics<f64>, recording: &Recording) -> Vec<Sample> {
 
 /// The force (N) that an effect adds against the motion at each sample, and what it adds to the
 /// reading (rad).
-fn added(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> Added {
-    let mut found = Added {
+fn added(base: &Dynamics<f64>, effect: &Effect<f64>, session: &[Sample]) -> EffectTerms {
+    let mut found = EffectTerms {
         force: Vec::with_capacity(session.len()),
         reading: Vec::with_capacity(session.len()),
     };

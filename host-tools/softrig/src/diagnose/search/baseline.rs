@@ -9,7 +9,7 @@ use crate::diagnose::decide::Remains;
 use crate::diagnose::evidence::measure::leaves_beyond;
 use crate::diagnose::evidence::validation::CrossValidator;
 use crate::diagnose::fit::candidates::Candidate;
-use crate::diagnose::fit::identifiability::{self, Identifiability, Refitted};
+use crate::diagnose::fit::identifiability::{self, Identifiability, NominalRefit};
 use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::diagnose::work::job::Job;
 use crate::diagnose::work::policy::{Policy, Search};
@@ -66,7 +66,7 @@ impl Baseline {
         let misses = Some(supplied.rmse()).filter(|it| *it < FAR * data.largest_angle());
         job.progress.shows(data.measurand());
         job.progress.knows(|known| known.supplied = misses);
-        let Refitted {
+        let NominalRefit {
             refit,
             file,
             identified,

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use model_core::catalogue::Kind;
 use rayon::prelude::*;
 
-use crate::diagnose::evidence::measure::{Baseline, MeasureContext, Measured};
+use crate::diagnose::evidence::measure::{MeasureContext, Reference, StructureFit};
 use crate::diagnose::evidence::validation::CrossValidator;
 use crate::diagnose::fit::candidates::{Candidate, FitContext, coarse_fit, final_fit};
 use crate::diagnose::fit::levels::{Base, Estimate, Levels};
@@ -25,9 +25,9 @@ use crate::estimate::fit::{Effort, Fit};
 const LEADS: usize = 2;
 
 /// The graded structures.
-pub struct Graded {
+pub struct Grades {
     /// Every structure that was measured.
-    pub measured: Vec<Measured>,
+    pub measured: Vec<StructureFit>,
 }
 
 /// Number of pairs that are fitted for their predicted SSE: some effects help only together.
@@ -40,7 +40,7 @@ const FOLDS: usize = 4;
 /// noise.
 const FINISHED: usize = 3;
 
-impl Graded {
+impl Grades {
     /// Whether any structure may leave only noise after its final fit.
     pub fn may_leave_noise(&self, floor: &NoiseFloor) -> bool {
         let Some(best) = self.nearest() else {
@@ -54,8 +54,8 @@ impl Graded {
     }
 
     /// The structure with the least output error.
-    fn nearest(&self) -> Option<&Measured> {
-        let left = |row: &Measured| row.estimate.fits.last().map_or(f64::INFINITY, Fit::sse);
+    fn nearest(&self) -> Option<&StructureFit> {
+        let left = |row: &StructureFit| row.estimate.fits.last().map_or(f64::INFINITY, Fit::sse);
         self.measured
             .iter()
             .min_by(|a, b| left(a).total_cmp(&left(b)))
@@ -70,7 +70,7 @@ impl Graded {
 
     /// The combinations with the least output error, by final fits.
     pub fn finished(&self, context: &FitContext<'_>) -> Vec<Candidate> {
-        let mut rows: Vec<(f64, &Measured)> = self
+        let mut rows: Vec<(f64, &StructureFit)> = self
             .measured
             .iter()
             .filter(|row| row.estimate.added.len() > 1)
@@ -104,7 +104,7 @@ pub fn grade(
     kinds: &[Kind],
     refit: &Candidate,
     coarse: &[Candidate],
-) -> Option<Graded> {
+) -> Option<Grades> {
     let executor = &context.executor;
     let job = executor.job();
     let policy = &Policy::STANDARD;
@@ -126,7 +126,7 @@ pub fn grade(
     let baseline = measuring.baseline(base.clone());
     let baseline = executor.reached(SearchPart::Horizons, baseline)?;
     let screened = vec![0, levels.output_error().saturating_sub(1)];
-    let mut search = Extension {
+    let mut search = Growth {
         levels: &levels,
         measuring: &measuring,
         baseline: &baseline,
@@ -158,19 +158,19 @@ pub fn grade(
         search.extend(&leads, &joined);
     }
     let measured = search.measured;
-    (!measured.is_empty()).then_some(Graded { measured })
+    (!measured.is_empty()).then_some(Grades { measured })
 }
 
 /// A search under way.
-struct Extension<'a> {
+struct Growth<'a> {
     levels: &'a Levels<'a>,
     measuring: &'a MeasureContext<'a>,
-    baseline: &'a Baseline,
+    baseline: &'a Reference,
     kinds: &'a [Kind],
-    measured: Vec<Measured>,
+    measured: Vec<StructureFit>,
 }
 
-impl Extension<'_> {
+impl Growth<'_> {
     /// Extends each base by one further effect.
     fn extend(&mut self, bases: &[Base<'_>], coarse: &[Candidate]) {
         let known: BTreeSet<Vec<Kind>> =
@@ -187,8 +187,8 @@ impl Extension<'_> {
         self.measured.extend(measured);
     }
 
-    fn of_size(&self, size: usize) -> Vec<&Measured> {
-        let mut rows: Vec<&Measured> = self
+    fn of_size(&self, size: usize) -> Vec<&StructureFit> {
+        let mut rows: Vec<&StructureFit> = self
             .measured
             .iter()
             .filter(|row| row.estimate.added.len() == size)
@@ -201,7 +201,7 @@ impl Extension<'_> {
     /// with the levels at which further effects are screened.
     fn leads(&self, size: usize) -> Vec<(Estimate, Vec<usize>)> {
         let rows = self.of_size(size);
-        let mut leads: Vec<&Measured> = rows.iter().take(LEADS).copied().collect();
+        let mut leads: Vec<&StructureFit> = rows.iter().take(LEADS).copied().collect();
         let evidence = rows.iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence));
         if let Some(row) = evidence
             && leads

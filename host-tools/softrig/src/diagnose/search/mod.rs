@@ -13,12 +13,14 @@ use rayon::prelude::*;
 use crate::diagnose::decide::Remains;
 use crate::diagnose::evidence::measure::MeasuredStructure;
 use crate::diagnose::evidence::validation::CrossValidator;
-use crate::diagnose::fit::candidates::{Candidate, FitContext, Untried, applicable, finished};
+use crate::diagnose::fit::candidates::{
+    Candidate, FitContext, SkippedEffect, applicable, finished,
+};
 use crate::diagnose::score::Guesses;
 use crate::diagnose::score::scales::Scales;
 use crate::diagnose::search::baseline::{Baseline, in_step};
-use crate::diagnose::search::grade::{Graded, grade};
-use crate::diagnose::search::selection::{Fitted, Rows, Selection};
+use crate::diagnose::search::grade::{Grades, grade};
+use crate::diagnose::search::selection::{FittedStructures, Rows, Selection};
 use crate::diagnose::search::singles::{Singles, is_settled, most_of_rivals, singles};
 use crate::diagnose::search::terms::Terms;
 use crate::diagnose::work::budget::SearchPart;
@@ -52,20 +54,20 @@ pub struct Options<'a> {
 }
 
 /// The result of a search.
-pub struct Searched {
+pub struct SearchResult {
     /// What the refit leaves without any effect.
     pub remains: Remains,
     /// What is left for the answer.
     pub found: Selection,
     /// Effects that do not apply to the recordings.
-    pub untried: Vec<Untried>,
+    pub untried: Vec<SkippedEffect>,
     /// The baseline.
     pub baseline: Baseline,
 }
 
-impl Searched {
+impl SearchResult {
     /// Where only noise is left.
-    fn nothing(remains: Remains, untried: Vec<Untried>, baseline: Baseline) -> Self {
+    fn nothing(remains: Remains, untried: Vec<SkippedEffect>, baseline: Baseline) -> Self {
         Self {
             remains,
             found: Selection::nothing(Rows::default(), &baseline.refit),
@@ -98,13 +100,13 @@ fn left_of(
 /// best one shows how much no formula explains: zeros are weighed against that, and
 /// structures are fitted at several horizons, and combined. If the budget ends the search,
 /// the answer claims no more than the finished parts support.
-pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
+pub fn search(mut baseline: Baseline, options: Options<'_>) -> SearchResult {
     let (file, data) = (baseline.file.clone(), baseline.data.clone());
     let fitter = Fitter::new(&file.model, &data);
     let mut validator =
         CrossValidator::new(&file, &fitter, baseline.floor.input).beside(baseline.nominal.model);
     if let Some(quiet) = baseline.find_quiet(&validator) {
-        return Searched::nothing(quiet, Vec::new(), baseline);
+        return SearchResult::nothing(quiet, Vec::new(), baseline);
     }
     let (kinds, untried) = applicable(&file.model, options.own, options.without, &fitter);
     let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_FIT);
@@ -146,7 +148,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     }
     options.job.progress.stage(Stage::Selection, 0);
     if let Some(quiet) = baseline.find_quiet(&validator) {
-        return Searched::nothing(quiet, untried, baseline);
+        return SearchResult::nothing(quiet, untried, baseline);
     }
     if pool.len() == 1 && graded.is_none() {
         // The search ended early: the nearest single effect is what there is.
@@ -163,7 +165,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
     else {
         let rows = Rows::of(in_pool, None, &validator, &baseline.floor, options.seed);
         let (remains, found) = left_of(rows, &baseline, &context, &validator);
-        return Searched {
+        return SearchResult {
             remains,
             found,
             untried,
@@ -181,7 +183,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
         let material = Material::of(&fitter, &baseline.refit, ENOUGH_TO_RANK);
         let fitters = material.fitters(&fitter);
         let context = fitters.context(file, &material, &guesses, options);
-        let measured = Fitted {
+        let measured = FittedStructures {
             refit: MeasuredStructure::of(&validator, baseline.refit.clone()),
             rows: graded.measured.into_iter().map(|it| it.row).collect(),
         };
@@ -194,7 +196,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
         );
         left_of(rows, &baseline, &context, &validator)
     };
-    Searched {
+    SearchResult {
         remains,
         found,
         untried,
@@ -204,7 +206,7 @@ pub fn search(mut baseline: Baseline, options: Options<'_>) -> Searched {
 
 /// The refit and the best final fits, measured: fits that leave far more than the best are not
 /// worth a cross-validation.
-fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
+fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> FittedStructures {
     /// Number of structures of each size.
     const MEASURED: usize = 6;
     let mut chosen = Vec::new();
@@ -214,7 +216,7 @@ fn rows(validator: &CrossValidator<'_>, pool: &[Candidate]) -> Fitted {
         of_size.sort_by(|a, b| a.fit.sse().total_cmp(&b.fit.sse()));
         chosen.extend(of_size.into_iter().take(MEASURED));
     }
-    Fitted {
+    FittedStructures {
         refit: MeasuredStructure::of(validator, pool[0].clone()),
         rows: measured(validator, chosen),
     }
@@ -232,7 +234,7 @@ fn measured<'a>(
 
 /// The graded structures, and what they were graded from.
 struct Grading {
-    graded: Graded,
+    graded: Grades,
     baseline: Baseline,
     guesses: Guesses,
 }

@@ -9,7 +9,7 @@ use model_core::effects::table::Variable;
 use rayon::prelude::*;
 
 use crate::diagnose::decide::{
-    Beside, Ranking, Scored, behind, is_special_case, of_size, offers_terms, rank,
+    Beside, Ranking, StructureScore, behind, is_special_case, of_size, offers_terms, rank,
     remembers_in_vain,
 };
 use crate::diagnose::evidence::alike::push_alike;
@@ -124,7 +124,7 @@ impl Selection {
 }
 
 /// Structures that were fitted under the same conditions, and the refit that they improve on.
-pub struct Fitted {
+pub struct FittedStructures {
     /// The refit.
     pub refit: MeasuredStructure,
     /// Structures with effects.
@@ -146,7 +146,7 @@ pub struct Rows {
     /// The first is the refit that all are held against in the draws.
     all: Vec<MeasuredStructure>,
     /// What the decision reads of them.
-    pub scored: Vec<Scored>,
+    pub scored: Vec<StructureScore>,
     /// The place of the refit that each row improves on.
     refits: Vec<usize>,
     /// Terms that push like one of the rows: that one, and they.
@@ -157,8 +157,8 @@ impl Rows {
     /// Of several fits of one structure, the one that leaves least is kept. The refit of
     /// `first` is the one that all are held against in the draws.
     pub fn of(
-        first: Fitted,
-        others: Option<Fitted>,
+        first: FittedStructures,
+        others: Option<FittedStructures>,
         validator: &CrossValidator<'_>,
         floor: &NoiseFloor,
         seed: u64,
@@ -182,7 +182,7 @@ impl Rows {
             let residuals = validator.residuals_of(&best.candidate);
             Draws::of(&segments, &residuals, seed)
         });
-        let scored: Vec<Scored> = all
+        let scored: Vec<StructureScore> = all
             .par_iter()
             .map(|it| {
                 let row = &it.row;
@@ -190,7 +190,7 @@ impl Rows {
                     let residuals = validator.residuals_of(&row.candidate);
                     draws.sums_and_errors(&log_densities(&residuals), &residuals)
                 });
-                Scored {
+                StructureScore {
                     kinds: row.candidate.set(),
                     fitted: it.fitted,
                     held_out: it.held_out,
@@ -218,7 +218,7 @@ impl Rows {
         rows
     }
 
-    fn push(&mut self, share: Shares, scored: Scored) {
+    fn push(&mut self, share: Shares, scored: StructureScore) {
         self.refits.push(share.refit);
         self.all.push(share.row);
         self.scored.push(scored);
@@ -226,13 +226,13 @@ impl Rows {
 
     /// Takes terms, the one that leaves least of those that push alike. They come after the effects,
     /// so that the places of the refits stay.
-    fn take_terms(&mut self, mut terms: Vec<(Shares, Scored)>, data: &Dataset) {
+    fn take_terms(&mut self, mut terms: Vec<(Shares, StructureScore)>, data: &Dataset) {
         // A further parameter has to leave clearly less.
-        let weighed = |(share, scored): &(Shares, Scored)| {
+        let weighed = |(share, scored): &(Shares, StructureScore)| {
             let parameters = share.row.candidate.fit.free.len() as f64;
             scored.leaves() / libm::pow(Policy::STANDARD.sure_leaves, parameters)
         };
-        let all: Vec<Scored> = terms.iter().map(|(_, scored)| scored.clone()).collect();
+        let all: Vec<StructureScore> = terms.iter().map(|(_, scored)| scored.clone()).collect();
         terms.retain(|(_, scored)| !remembers_in_vain(scored, &all, &Policy::STANDARD));
         terms.sort_by(|a, b| weighed(a).total_cmp(&weighed(b)));
         let first = self.all.len();
@@ -268,7 +268,7 @@ impl Rows {
         validator: &CrossValidator<'_>,
     ) -> Selection {
         context.executor.job().progress.stage(Stage::Augmented, 0);
-        let Repaired {
+        let RepairedModel {
             candidate: repaired,
             table_leaves,
         } = self.repaired(context, validator, &ranking);
@@ -294,7 +294,7 @@ impl Rows {
         context: &FitContext<'_>,
         validator: &CrossValidator<'_>,
         ranking: &Ranking,
-    ) -> Repaired {
+    ) -> RepairedModel {
         let policy = &Policy::STANDARD;
         let first = ranking.first();
         let refit = &self.all[0].candidate;
@@ -345,7 +345,7 @@ impl Rows {
                     })
                     .map(|row| everything(context, validator, &self.all[row].candidate));
                 let formula = alone.as_ref().unwrap_or(&by_name);
-                Repaired {
+                RepairedModel {
                     table_leaves: Some([
                         candidate.fit.rmse() / formula.fit.rmse(),
                         error(&candidate) / error(formula),
@@ -353,7 +353,7 @@ impl Rows {
                     candidate,
                 }
             }
-            None => Repaired {
+            None => RepairedModel {
                 candidate: by_name,
                 table_leaves: None,
             },
@@ -372,9 +372,12 @@ fn all_of_one_variable(named: &[Kind], repaired: &Candidate) -> Option<Variable>
 }
 
 /// All rows with their shares; of several fits of one structure, the one that leaves least.
-fn merged(fitted: impl Iterator<Item = Fitted>, beyond: impl Fn(f64) -> f64) -> Vec<Shares> {
+fn merged(
+    fitted: impl Iterator<Item = FittedStructures>,
+    beyond: impl Fn(f64) -> f64,
+) -> Vec<Shares> {
     let mut all: Vec<Shares> = Vec::new();
-    for Fitted { refit, rows } in fitted {
+    for FittedStructures { refit, rows } in fitted {
         let before = [refit.fitted.full, refit.held_out.full].map(&beyond);
         let place = all.len();
         all.push(Shares {
@@ -402,7 +405,7 @@ fn merged(fitted: impl Iterator<Item = Fitted>, beyond: impl Fn(f64) -> f64) -> 
 }
 
 /// The repaired model.
-struct Repaired {
+struct RepairedModel {
     candidate: Candidate,
     /// If it has a table, the shares of the formulas' error that are left with the table:
     /// fitted, held out.

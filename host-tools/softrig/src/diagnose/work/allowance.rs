@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
-use crate::diagnose::work::budget::{Budget, Ended, SearchPart};
+use crate::diagnose::work::budget::{Budget, BudgetEnd, SearchPart};
 use softrig_formats::instant::Instant;
 
 /// What a diagnosis may still do. Any thread may ask.
@@ -107,11 +107,11 @@ impl Allowance {
     }
 
     /// The parts that were not done, if the budget has ended the search.
-    pub fn ended(&self) -> Option<Ended> {
+    pub fn ended(&self) -> Option<BudgetEnd> {
         let undone = self.undone();
         let enough = self.enough.get().copied().map(Budget::Time);
         let budget = enough.or(self.budget).filter(|_| !undone.is_empty())?;
-        Some(Ended { budget, undone })
+        Some(BudgetEnd { budget, undone })
     }
 
     /// Asks the work to stop: it ends soon, with an answer that nobody waits for.

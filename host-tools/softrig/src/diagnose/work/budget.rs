@@ -87,14 +87,14 @@ impl SearchPart {
 
 /// The end of a search by its budget.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ended {
+pub struct BudgetEnd {
     /// The budget.
     pub budget: Budget,
     /// The parts that were not done; never empty.
     pub undone: BTreeSet<SearchPart>,
 }
 
-impl Ended {
+impl BudgetEnd {
     /// The effects that were not fully tried alone.
     pub fn kinds(&self) -> Vec<Kind> {
         let alone = |part: &SearchPart| match part {
@@ -198,8 +198,8 @@ pub fn is_open(undone: &BTreeSet<SearchPart>) -> bool {
 mod tests {
     use super::*;
 
-    fn ended(budget: Budget, undone: &[SearchPart]) -> Ended {
-        Ended {
+    fn ended(budget: Budget, undone: &[SearchPart]) -> BudgetEnd {
+        BudgetEnd {
             budget,
             undone: undone.iter().copied().collect(),
         }

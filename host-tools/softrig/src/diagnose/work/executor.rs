@@ -9,7 +9,7 @@ use model_core::actuator::{Model, ParameterId};
 use rayon::prelude::*;
 
 use crate::diagnose::work::budget::SearchPart;
-use crate::diagnose::work::job::{Counted, Job};
+use crate::diagnose::work::job::{Job, RunningFit};
 use crate::estimate::checkpoint::Checkpoint;
 use crate::estimate::fit::{Effort, Fit};
 use crate::estimate::fitter::Fitter;
@@ -19,7 +19,7 @@ pub const FIRST_STEPS: Effort = Effort::Steps(4);
 
 /// Why a structure has no fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unfitted {
+pub enum NoFit {
     /// It cannot be simulated from where it would start, or has no place to start.
     Diverged,
     /// The budget was spent or the work was asked to stop, before its fit or in it.
@@ -48,8 +48,8 @@ impl<'a> Executor<'a> {
     ///
     /// # Errors
     ///
-    /// [`Unfitted::NotReached`] if there is no time for it.
-    pub fn begin(&self) -> Result<Counted<'a>, Unfitted> {
+    /// [`NoFit::NotReached`] if there is no time for it.
+    pub fn begin(&self) -> Result<RunningFit<'a>, NoFit> {
         self.check()?;
         Ok(self.job.fit())
     }
@@ -58,18 +58,18 @@ impl<'a> Executor<'a> {
     ///
     /// # Errors
     ///
-    /// [`Unfitted::NotReached`] if there is not.
-    pub fn check(&self) -> Result<(), Unfitted> {
+    /// [`NoFit::NotReached`] if there is not.
+    pub fn check(&self) -> Result<(), NoFit> {
         if self.job.is_over() {
-            Err(Unfitted::NotReached)
+            Err(NoFit::NotReached)
         } else {
             Ok(())
         }
     }
 
     /// The result of a part of the search, which is noted as not done where it was not reached.
-    pub fn reached<T>(&self, part: SearchPart, result: Result<T, Unfitted>) -> Option<T> {
-        if matches!(result, Err(Unfitted::NotReached)) {
+    pub fn reached<T>(&self, part: SearchPart, result: Result<T, NoFit>) -> Option<T> {
+        if matches!(result, Err(NoFit::NotReached)) {
             self.job.allowance.leave_out(part);
         }
         result.ok()
@@ -79,18 +79,18 @@ impl<'a> Executor<'a> {
     ///
     /// # Errors
     ///
-    /// [`Unfitted::NotReached`] if the time was up before it ended.
+    /// [`NoFit::NotReached`] if the time was up before it ended.
     pub fn fit(
         &self,
         fitter: &Fitter<'_>,
         start: &Model<f64>,
         free: &[ParameterId],
         effort: Effort,
-    ) -> Result<Fit, Unfitted> {
+    ) -> Result<Fit, NoFit> {
         let is_interrupted = || self.job.is_interrupted();
         fitter
             .fit_unless(start, free, effort, self.checkpoint, &is_interrupted)
-            .ok_or(Unfitted::NotReached)
+            .ok_or(NoFit::NotReached)
     }
 
     /// Fits from each initial guess and returns the best fit; a long fit goes on from the one
@@ -105,7 +105,7 @@ impl<'a> Executor<'a> {
         starts: &[Model<f64>],
         free: &[ParameterId],
         effort: Effort,
-    ) -> Result<Fit, Unfitted> {
+    ) -> Result<Fit, NoFit> {
         if starts.len() > 1 && effort.is_long() {
             let nearest = self.best_of(fitter, starts, free, FIRST_STEPS)?;
             let data = fitter.data.guessing(&nearest.nuisances);
@@ -118,11 +118,11 @@ impl<'a> Executor<'a> {
         starts
             .par_iter()
             .map(|start| self.fit(fitter, start, free, effort))
-            .collect::<Result<Vec<Fit>, Unfitted>>()?
+            .collect::<Result<Vec<Fit>, NoFit>>()?
             .into_iter()
             .filter(|fit| fit.sse().is_finite())
             .min_by(|a, b| a.cost().total_cmp(&b.cost()))
-            .ok_or(Unfitted::Diverged)
+            .ok_or(NoFit::Diverged)
     }
 }
 
@@ -157,7 +157,7 @@ mod tests {
             .unwrap();
         assert_eq!(fit.model, alone.model);
         let cannot = executor.best_of(&fitter, &[], &file.free, Effort::Full);
-        assert_eq!(cannot.unwrap_err(), Unfitted::Diverged);
+        assert_eq!(cannot.unwrap_err(), NoFit::Diverged);
         assert_eq!(job.allowance.ended(), None);
     }
 
@@ -172,14 +172,14 @@ mod tests {
         let late = Job::within(Some(Budget::Time(std::time::Duration::ZERO)));
         for job in [asked_to_stop, late] {
             let executor = Executor::new(&job, &checkpoint);
-            assert_eq!(executor.begin().err(), Some(Unfitted::NotReached));
+            assert_eq!(executor.begin().err(), Some(NoFit::NotReached));
             let fit = executor.fit(&fitter, &file.model, &file.free, Effort::Full);
             assert_eq!(executor.reached(part, fit.map(drop)), None);
             assert!(job.allowance.undone().contains(&part));
         }
         let job = Job::default();
         let executor = Executor::new(&job, &checkpoint);
-        assert_eq!(executor.reached::<()>(part, Err(Unfitted::Diverged)), None);
+        assert_eq!(executor.reached::<()>(part, Err(NoFit::Diverged)), None);
         assert!(job.allowance.undone().is_empty());
     }
 

@@ -95,8 +95,8 @@ impl Job {
     }
 
     /// Counts a fit once the returned value is dropped, also if the fit fails.
-    pub fn fit(&self) -> Counted<'_> {
-        Counted(self)
+    pub fn fit(&self) -> RunningFit<'_> {
+        RunningFit(self)
     }
 
     /// A snapshot.
@@ -118,9 +118,9 @@ impl Job {
 /// A running fit, which counts as finished once this is dropped.
 #[derive(Debug)]
 #[must_use = "the fit counts as finished once this is dropped"]
-pub struct Counted<'a>(&'a Job);
+pub struct RunningFit<'a>(&'a Job);
 
-impl Drop for Counted<'_> {
+impl Drop for RunningFit<'_> {
     fn drop(&mut self) {
         self.0.allowance.count();
         self.0.progress.count();

@@ -86,7 +86,7 @@ pub enum Order {
 
 /// The identified base model.
 #[derive(Clone, Debug)]
-pub struct Identified {
+pub struct Identification {
     /// The best fit to all data.
     pub fit: Fit,
     /// The best fit with all of the free parameters, whether or not the inertia shows.
@@ -106,7 +106,7 @@ pub fn identify(
     free: &[ParameterId],
     exponents: &[f64],
     data: &Dataset,
-) -> Option<Identified> {
+) -> Option<Identification> {
     Identifier { model, free, data }.best(exponents)
 }
 
@@ -129,7 +129,7 @@ impl Identifier<'_> {
         self.free.contains(&id)
     }
 
-    fn best(self, exponents: &[f64]) -> Option<Identified> {
+    fn best(self, exponents: &[f64]) -> Option<Identification> {
         let [thin, part] = [ENOUGH_TO_RANK, ENOUGH_TO_FIT].map(|most| reduced(self.data, most));
         let mut minima = self.coarse(&thin, &part, exponents);
         distinct(&mut minima, SAME, FINALISTS);
@@ -157,13 +157,13 @@ impl Identifier<'_> {
             .filter(|other| other.cost() < (1.0 + AS_GOOD) * fit.cost())
             .map(|other| other.model);
         Some(match self.first_order(&fit) {
-            Some(held) => Identified {
+            Some(held) => Identification {
                 fit: held,
                 released: fit,
                 order: Order::First,
                 twin: None,
             },
-            None => Identified {
+            None => Identification {
                 released: fit.clone(),
                 fit,
                 order: Order::Second,

@@ -4,7 +4,7 @@
 
 use model_core::actuator::{Model, ParameterId};
 
-use super::Identified;
+use super::Identification;
 use crate::estimate::Dataset;
 use crate::estimate::fit::Fit;
 use crate::estimate::nuisance::{Nuisance, ZEROS};
@@ -13,7 +13,7 @@ use softrig_formats::model_file::{parameter_name, parameter_unit, to_file_units}
 use softrig_formats::numbers::short;
 use softrig_formats::recording::PASCAL_PER_KPA;
 
-impl Identified {
+impl Identification {
     /// Remarks about the fit of the model `given` in the file.
     pub fn remarks(&self, given: &Model<f64>, data: &Dataset) -> Vec<Concern> {
         let mut remarks = Vec::new();
