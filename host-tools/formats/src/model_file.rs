@@ -1253,7 +1253,7 @@ forces_n = [
             (
                 "of = \"pressure\"\n",
                 "",
-                vec!["line 18", "of what", "\"angle\""],
+                vec!["line 18", "no variable (of)", "\"angle\""],
             ),
             (
                 "  0.15,\n",

@@ -1578,7 +1578,7 @@ parameters = { c = { value = 2.0, unit = "N/rad^3" }, tau = { value = 1.5, min =
             (
                 "{ follows = \"th^3\", time_constant = \"tau\" }",
                 "3",
-                "does not say",
+                "lacks follows",
             ),
         ] {
             let error = remembers(from, to).unwrap_err().to_string();

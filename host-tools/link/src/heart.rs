@@ -418,7 +418,7 @@ mod tests {
         assert!(!pulse.turn(&looked(31_000)));
         let silence = pulse.silence(&looked(33_000));
         assert_eq!(silence.unattended, Duration::from_secs(30));
-        assert!(silence.to_string().contains("stood still for 30 s"));
+        assert!(silence.to_string().contains("was blocked for 30 s"));
     }
 
     #[test]
@@ -450,6 +450,6 @@ mod tests {
             device_ms: 7_500,
             ..at(seen, 1_200)
         };
-        assert!(said(&pulse, &ahead).contains("clock ran 2.5 s"));
+        assert!(said(&pulse, &ahead).contains("2.5 s passed on the board's clock"));
     }
 }

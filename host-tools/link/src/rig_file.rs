@@ -215,7 +215,7 @@ mod tests {
             ("factor = 1.0043", "factor = nan", "NaN"),
             ("schema = 1", "schema = 2", "update softrig"),
             ("factor = ", "faktor = ", "line"),
-            ("board = ", "# board = ", "no board"),
+            ("board = ", "# board = ", "does not name a board"),
         ] {
             let error = RigFile::parse(&text.replace(from, to), &path).unwrap_err();
             assert!(error.to_string().contains(says), "{error}");

@@ -187,11 +187,11 @@ fn a_bomb_is_refused_before_it_goes_off() {
 #[test]
 fn whoever_reads_a_recording_is_told_that_it_is_not_complete() {
     for (meta, part) in [
-        ("complete = false\n", "cut.csv: is not complete: "),
+        ("complete = false\n", "cut.csv: is incomplete: "),
         // As versions up to 0.1 left it when they were killed.
         (
             "complete = false\nsamples = 0\n",
-            "cut.csv: is not complete: ",
+            "cut.csv: is incomplete: ",
         ),
         (
             "complete = true\nsamples = 7\n",

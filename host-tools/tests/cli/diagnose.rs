@@ -332,8 +332,8 @@ fn a_budget_ends_the_search_with_a_verdict() {
         said.starts_with("Something is missing, but time ran out"),
         "{said}"
     );
-    assert!(said.contains("The time of 1 ms was up"), "{said}");
-    assert!(bench.text("r.html").contains("The time of 1 ms was up"));
+    assert!(said.contains("The time of 1 ms ran out"), "{said}");
+    assert!(bench.text("r.html").contains("The time of 1 ms ran out"));
     ModelFile::read(&bench.path("r.toml")).unwrap();
 
     let (_, mut without) = diagnose("");

@@ -207,7 +207,7 @@ fn a_recording_that_is_killed_is_whole_up_to_the_last_line() {
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(
         warnings[0].contains("run.csv: is incomplete: ")
-            && warnings[0].contains("run.meta.toml says"),
+            && warnings[0].contains("run.meta.toml it ended"),
         "{warnings:?}"
     );
     assert!(recording.len() >= 399);
@@ -221,7 +221,7 @@ fn a_recording_that_is_killed_is_whole_up_to_the_last_line() {
     let said = bench
         .rig("simulate --model m.toml --recording run.csv -o sim.csv")
         .ok();
-    assert!(said.err.contains("is not complete"), "{}", said.err);
+    assert!(said.err.contains("is incomplete"), "{}", said.err);
 }
 
 #[test]

@@ -425,6 +425,6 @@ mod tests {
         let parts = include_str!("../../../../docs/hardware/parts.md");
         assert_eq!(names(parts, "## Order of assembly"), steps);
         let commissioning = include_str!("../../../../docs/hardware/commissioning.md");
-        assert_eq!(names(commissioning, "\ncould not be made"), steps);
+        assert_eq!(names(commissioning, "\ncould not be run"), steps);
     }
 }
