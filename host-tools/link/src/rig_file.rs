@@ -119,7 +119,7 @@ impl RigFile {
     ///
     /// Names file, line, column and remedy.
     pub fn parse(text: &str, path: &Path) -> Result<Self, InputError> {
-        const KEYS: &str = "its keys are schema = 1, port, model, board, [clock] and [recording]; `softrig commission --only clock` writes the last two anew";
+        const KEYS: &str = "its keys are schema = 1, port, model, board, [clock] and [recording]; `softrig commission --only clock` writes board and [clock] anew";
         const ADVICE: &str = "measure it again with `softrig commission --only clock`, or delete [clock]: without it times are the board's";
         let file: Self = toml::from_str(text).map_err(|error| {
             let fault = InputError::new(error.message(), KEYS).in_file(path);

@@ -192,16 +192,16 @@ pub struct Summary {
     pub cases: usize,
     /// For each that failed, where it says why.
     pub failed: Vec<PathBuf>,
-    /// For each with warnings about its recordings, where they stand.
+    /// For each with warnings, where they stand.
     pub warned: Vec<PathBuf>,
 }
 
 impl Summary {
-    /// That recordings are odd, in a sentence.
+    /// That cases have warnings, in a sentence.
     pub fn warning(&self) -> Option<String> {
         let first = self.warned.first()?;
         Some(format!(
-            "{} of {} cases have warnings about their recordings; those of the first are in {}",
+            "{} of {} cases have warnings; those of the first are in {}",
             self.warned.len(),
             self.cases,
             first.display()

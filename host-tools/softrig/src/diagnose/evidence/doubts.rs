@@ -13,6 +13,7 @@ use crate::diagnose::fit::candidates::Candidate;
 use crate::diagnose::recordings::needs::is_loaded_again;
 use crate::estimate::Dataset;
 use crate::statistics::moves;
+use softrig_formats::recording::Recording;
 
 /// Fewest periods in the longest session that show a disturbance of its own frequency.
 const PERIODS: f64 = 5.0;
@@ -35,7 +36,8 @@ pub enum Doubt {
     /// Softening by the largest stretch so far, and no session loads a second time: then it is
     /// a difference between loading and unloading, which friction, creep and lag make as well.
     LoadedOnce,
-    /// Its line is a multiple of the drive's own frequency.
+    /// Its line is a multiple of the drive's own frequency, and few periods were recorded without
+    /// that drive.
     Drive,
     /// An offset of the sensor beside an actuator that creeps: the rest that it was taken from
     /// still moved.
@@ -158,27 +160,27 @@ fn is_size(key: &str, unit: Unit) -> bool {
     !is_place && !is_shape
 }
 
-/// The doubt about a line of this frequency (Hz).
+/// The doubt about a line of this frequency (Hz). Its drive makes one at its own multiples, but not
+/// in the sessions that it does not drive.
 fn of_line(kind: Kind, frequency: f64, data: &Dataset) -> Option<Doubt> {
-    let longest = data
-        .sessions()
-        .iter()
-        .map(|session| session.recording().duration())
-        .fold(0.0, f64::max);
+    let drives = |recording: &Recording| {
+        let samples = 1.0 / (frequency * recording.interval());
+        moves(&recording.time, &recording.pressure)
+            && (1..=HARMONICS)
+                .any(|multiple| repeats(&recording.pressure, multiple as f64 * samples))
+    };
+    let recordings = data.sessions().iter().map(|it| it.recording());
+    let (driven, undriven): (Vec<&Recording>, Vec<&Recording>) =
+        recordings.partition(|it| drives(it));
+    let periods = |of: &[&Recording]| {
+        let longest = of.iter().map(|it| it.duration()).fold(0.0, f64::max);
+        frequency * longest
+    };
     let is_a_curve = kind.info().doubtful.contains(&Doubtful::FewPeriods);
-    if is_a_curve && frequency * longest < PERIODS {
+    if is_a_curve && periods(&driven).max(periods(&undriven)) < PERIODS {
         return Some(Doubt::FewPeriods);
     }
-    data.sessions()
-        .iter()
-        .any(|session| {
-            let recording = session.recording();
-            let samples = 1.0 / (frequency * recording.interval());
-            moves(&recording.time, &recording.pressure)
-                && (1..=HARMONICS)
-                    .any(|multiple| repeats(&recording.pressure, multiple as f64 * samples))
-        })
-        .then_some(Doubt::Drive)
+    (!driven.is_empty() && periods(&undriven) < PERIODS).then_some(Doubt::Drive)
 }
 
 /// Whether a series repeats after this many samples, and not after a part of them.
@@ -215,7 +217,6 @@ fn correlation(series: &[f64], lag: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use softrig_formats::recording::Recording;
 
     fn driven(pressure: impl Fn(f64) -> f64) -> Dataset {
         let time: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
@@ -239,6 +240,10 @@ mod tests {
         assert_eq!([0.53, 0.9, 1.37].map(of), [None; 3]);
         let stair = driven(|t| 1e4 * (t / 4.0).floor());
         assert_eq!(of_line(Kind::SecondMode, 1.2, &stair), None);
+        // In the stair's twenty seconds nothing drives it.
+        let both = [&sine, &stair].map(|it| it.sessions()[0].recording().clone());
+        let both = Dataset::of(&both);
+        assert_eq!(of_line(Kind::SecondMode, 0.8, &both), None);
     }
 
     /// Twenty seconds hold two periods of a tenth of a hertz, and eight of four tenths.
