@@ -28,7 +28,7 @@ pub const HELP: [&str; 7] = [
     "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold]",
     "load N, seg I step|ramp|sines|hold|release|repeat ...: a protocol of your own",
     "set KEY BITS, save, discard: settings; tare: zero the sensors; clear: a fault",
-    "stroke: measure the pump; selftest: model steps to the bit; hang: the watchdog",
+    "stroke: measure the pump; selftest: model steps to the bit",
     "hello, beat: for programs; what moves or changes needs a checksum: use rig",
 ];
 

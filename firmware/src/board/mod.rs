@@ -249,13 +249,6 @@ impl port::Board for Board {
     fn completed(&mut self, is_armed: bool) {
         self.watchdog.feed(is_armed);
     }
-
-    fn hang(&mut self) {
-        // Interrupts go on: they still send the reply.
-        loop {
-            avr_device::asm::nop();
-        }
-    }
 }
 
 /// The application's room in memory; there is one.
