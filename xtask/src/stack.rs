@@ -457,11 +457,11 @@ mod tests {
 
     /// The image with another instruction or several in the second of the handler's functions.
     fn with(instructions: &str) -> String {
-        let lines: String = instructions
-            .split("; ")
-            .map(|it| format!("  22:\t{}\n", it.replacen(' ', "\t", 1)))
-            .collect();
-        IMAGE.replace("  22:\tpush\tr1\n", &lines)
+        let lines = instructions.split("; ").map(|it| it.replacen(' ', "\t", 1));
+        IMAGE.replace(
+            "push\tr1\n",
+            &(lines.collect::<Vec<_>>().join("\n  22:\t") + "\n"),
+        )
     }
 
     #[test]

@@ -15,6 +15,7 @@
 //! | checksum of the program | flash, RAMPZ | [`image`] |
 //! | watchdog, reset flags | WDT, MCUSR, GPIOR2 | [`watchdog`], [`reset`] |
 //! | what interrupts save | GPIOR1, GPIOR2 | `entry` |
+//! | addresses for assembly | all | `registers` |
 //! | cycle marks | GPIOR0 | [`marks`] |
 //! | stack depth, counters | – | [`stack`], [`health`] |
 //!
@@ -33,6 +34,7 @@ mod periods;
 mod pins;
 mod place;
 pub mod pulses;
+mod registers;
 pub mod reset;
 pub mod serial;
 mod shared;

@@ -15,7 +15,7 @@
 //! within two looks at a pressed emergency stop or at an end switch that the plunger
 //! runs into, without waiting for the main program.
 
-use core::{arch::global_asm, mem::size_of};
+use core::mem::size_of;
 
 use avr_device::atmega2560::{TC1, tc1::RegisterBlock as Timer};
 use firmware::{
@@ -26,8 +26,9 @@ use firmware::{
 };
 
 use super::{
-    entry::{enter, restore},
+    entry::{enter, handler, restore},
     pins::{is_at, pin_type},
+    registers::{OCR1A, TCNT1},
     shared::{self, CriticalSection, Shared, SharedByte, SharedFlag},
     switches::{self, PUSHED, RETRACTED, STOP},
 };
@@ -386,7 +387,7 @@ fn begin_plan(section: CriticalSection<'_>, timer: &Timer) {
 // counts, and written in assembly it takes 47 cycles. It does the usual alone; what is not usual,
 // being late, a gap that is no short one, an edge soon after a turn, it leaves untouched to `edge`
 // below, which can do it all. Which of a pulse's two edges it was, the pin says.
-global_asm!(
+handler!(
     "
     .section .text.softrig_edge,\"ax\",@progbits
     .global __vector_17
@@ -398,11 +399,11 @@ __vector_17:                        ; TIMER1_COMPA
     push r25
     push r26
 
-    lds  r24, 0x84                  ; TCNT1
-    lds  r25, 0x85
-    lds  r26, 0x88                  ; OCR1A: when the edge was
+    lds  r24, {tcnt1}
+    lds  r25, {tcnt1}+1
+    lds  r26, {ocr1a}               ; when the edge was
     sub  r24, r26
-    lds  r24, 0x89
+    lds  r24, {ocr1a}+1
     sbc  r25, r24
     tst  r25
     brne 2f                         ; 256 cycles ago or more
@@ -413,8 +414,8 @@ __vector_17:                        ; TIMER1_COMPA
     sbci r24, {minus_high_high}
     tst  r24
     breq 2f                         ; soon after a turn: see `reachable`
-    sts  0x89, r24
-    sts  0x88, r26
+    sts  {ocr1a}+1, r24
+    sts  {ocr1a}, r26
     lds  r24, {made}
     inc  r24
     sts  {made}, r24
@@ -443,8 +444,8 @@ __vector_17:                        ; TIMER1_COMPA
     breq 2f
     tst  r25
     breq 2f                         ; no short gap
-    sts  0x89, r24
-    sts  0x88, r26
+    sts  {ocr1a}+1, r24
+    sts  {ocr1a}, r26
     pop  r26
     pop  r25
     ",
@@ -459,6 +460,8 @@ __vector_17:                        ; TIMER1_COMPA
     "
     jmp  {edge}
     ",
+    tcnt1 = const TCNT1,
+    ocr1a = const OCR1A,
     pin = const wiring::STEP.port_address() - 2,
     bit = const wiring::STEP.bit,
     made = sym MADE,
