@@ -819,6 +819,11 @@ impl VirtualRig {
         self.board.slept_cycles()
     }
 
+    /// A byte of the data space: registers and memory.
+    pub fn data(&self, address: u16) -> u8 {
+        self.board.data(address)
+    }
+
     /// The deepest that the stack has been since power-on, in bytes.
     pub fn stack_bytes(&self) -> u16 {
         self.board.stack_bytes()

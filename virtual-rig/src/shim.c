@@ -24,6 +24,7 @@
 #include <avr_ioport.h>
 #include <avr_uart.h>
 #include <sim_avr.h>
+#include <sim_core.h>
 #include <sim_cycle_timers.h>
 #include <sim_interrupts.h>
 #include <sim_irq.h>
@@ -87,6 +88,11 @@
 struct mark {
     uint64_t cycles;
     uint8_t id;
+};
+
+struct write {
+    uint16_t address;
+    uint8_t value;
 };
 
 struct total {
@@ -157,6 +163,10 @@ struct softrig_board {
     int trace_steps;
     uint64_t *step_cycles;
     size_t step_cycles_len, step_cycles_cap;
+
+    // What a handler that runs alone wrote to registers
+    struct write *writes;
+    size_t writes_len, writes_cap;
 
     // Converter
     double millivolts[CHANNELS], noise[CHANNELS];
@@ -850,6 +860,7 @@ void softrig_board_free(struct softrig_board *board)
     free(board->input);
     free(board->marks);
     free(board->step_cycles);
+    free(board->writes);
     free(board);
 }
 
@@ -1032,4 +1043,73 @@ void softrig_board_flash_set(struct softrig_board *board, uint32_t address, cons
 uint8_t softrig_board_data_get(const struct softrig_board *board, uint16_t address)
 {
     return address <= board->avr->ramend ? board->avr->data[address] : 0;
+}
+
+// ------------------------------------------------------------ a handler alone
+
+static void on_any_write(struct avr_t *avr, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    struct softrig_board *board = param;
+    avr->data[addr] = value;
+    if (!grow((void **)&board->writes, &board->writes_cap, board->writes_len,
+              sizeof *board->writes)) {
+        board->out_of_memory = 1;
+        return;
+    }
+    board->writes[board->writes_len++] = (struct write){.address = addr, .value = value};
+}
+
+// Takes the peripherals away for good: their registers are memory from here on.
+void softrig_board_take_peripherals(struct softrig_board *board)
+{
+    avr_t *avr = board->avr;
+    memset(avr->io, 0, sizeof avr->io);
+    for (size_t i = 0; i < sizeof avr->io / sizeof *avr->io; i++) {
+        avr->io[i].w.c = on_any_write;
+        avr->io[i].w.param = board;
+    }
+}
+
+// Enters what is at `at` as an interrupt does, in this data space, and leaves there what it was
+// when it returned. Returns the instructions that it took; 0 if it did not return within `limit`.
+// `passed` says whether `through` was among them.
+uint32_t softrig_board_enter(struct softrig_board *board, uint8_t *data, uint32_t at,
+                             uint32_t through, uint32_t limit, int *passed)
+{
+    avr_t *avr = board->avr;
+    // Where nothing else leads.
+    const avr_flashaddr_t interrupted = avr->flashend - 1;
+    memcpy(avr->data, data, avr->ramend + 1);
+    SET_SREG_FROM(avr, data[R_SREG]);
+    avr->sreg[S_I] = 0;
+    avr->state = cpu_Running;
+    _avr_push_addr(avr, interrupted);
+    avr->pc = at;
+    board->writes_len = 0;
+    *passed = 0;
+    for (uint32_t taken = 1; taken <= limit && avr->state == cpu_Running; taken++) {
+        *passed |= avr->pc == through;
+        avr->pc = avr_run_one(avr);
+        if (avr->pc == interrupted) {
+            READ_SREG_INTO(avr, avr->data[R_SREG]);
+            memcpy(data, avr->data, avr->ramend + 1);
+            return board->out_of_memory ? 0 : taken;
+        }
+    }
+    return 0;
+}
+
+size_t softrig_board_writes_len(const struct softrig_board *board)
+{
+    return board->writes_len;
+}
+
+// Copies what was written, softrig_board_writes_len of each.
+void softrig_board_get_writes(const struct softrig_board *board, uint16_t *addresses,
+                              uint8_t *values)
+{
+    for (size_t i = 0; i < board->writes_len; i++) {
+        addresses[i] = board->writes[i].address;
+        values[i] = board->writes[i].value;
+    }
 }
