@@ -797,8 +797,7 @@ impl VirtualRig {
     }
 
     /// Cycles in all stretches that the firmware marked with `id` in GPIOR0,
-    /// their number and the longest. CPU use over a while is one minus the
-    /// difference of the idle mark's cycles over the cycles that passed.
+    /// their number and the longest.
     pub fn mark_total(&self, id: u8) -> MarkTotal {
         self.board.mark_total(id)
     }

@@ -22,6 +22,7 @@
 #include <avr_eeprom.h>
 #include <avr_extint.h>
 #include <avr_ioport.h>
+#include <avr_timer.h>
 #include <avr_uart.h>
 #include <sim_avr.h>
 #include <sim_core.h>
@@ -34,6 +35,10 @@
 #define MCUSR 0x54
 #define WDTCSR 0x60
 #define ADCSRA 0x7a
+#define TCCR1A 0x80
+#define TCCR1B 0x81
+#define OCR1AL 0x88
+#define OCR1BL 0x8a
 #define EECR 0x3f
 #define EEDR 0x40
 #define EEARL 0x41
@@ -77,6 +82,10 @@
 // limit above one it does so after every instruction, at half the speed.
 #define RUN_AT_MOST 1000
 
+// Later than this after a turn of a counter simavr does not look for what was due there: an instruction
+// and the entry of an interrupt.
+#define AFTER_TURN 16
+
 // Bytes that the receiver holds: two in its buffer; a third in the shift
 // register is lost when a fourth starts.
 #define RECEIVER_HOLDS 2
@@ -84,6 +93,10 @@
 #define PORTS 12 // A to L; there is no I
 #define CHANNELS 8
 #define NOISE_TABLE 4096
+
+// What lets simavr compute the matches of timer 1 anew.
+static const uint16_t compare_registers[] = {TCCR1A, TCCR1B, OCR1AL, OCR1BL};
+#define COMPARE_REGISTERS (sizeof compare_registers / sizeof *compare_registers)
 
 struct mark {
     uint64_t cycles;
@@ -111,6 +124,11 @@ struct softrig_board {
     avr_eeprom_t *eeprom_module;
     avr_uart_t *uart_module;
     avr_adc_t *adc_module;
+    avr_timer_t *timer_1_module;
+    struct {
+        avr_io_write_t write;
+        void *param;
+    } compares[COMPARE_REGISTERS]; // simavr's own
 
     // Reset
     uint8_t reset_flags; // MCUSR as the firmware left it
@@ -372,6 +390,36 @@ static void on_interrupt(struct avr_irq_t *irq, uint32_t value, void *param)
 uint64_t softrig_board_slept(const struct softrig_board *board)
 {
     return board->slept;
+}
+
+// ------------------------------------------------------------------- timer 1
+
+// simavr sets up the matches of a turn some cycles after it began; what was due by then it would
+// only see a turn later, and a match at zero never. Both come up to a microsecond late instead.
+static void on_compare(struct avr_t *avr, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    struct softrig_board *board = param;
+    for (size_t i = 0; i < COMPARE_REGISTERS; i++)
+        if (addr == compare_registers[i])
+            board->compares[i].write(avr, addr, value, board->compares[i].param);
+    avr_timer_t *timer = board->timer_1_module;
+    static const uint16_t registers[] = {[AVR_TIMER_COMPA] = OCR1AL, [AVR_TIMER_COMPB] = OCR1BL};
+    for (int unit = AVR_TIMER_COMPA; unit <= AVR_TIMER_COMPB; unit++)
+        if (timer->tov_cycles && avr->data[registers[unit] + 1] == 0 &&
+            avr->data[registers[unit]] < AFTER_TURN)
+            timer->comp[unit].comp_cycles = AFTER_TURN + 1;
+}
+
+// Puts it behind simavr's own, whose list of several for one register is full.
+static void watch_compares(struct softrig_board *board)
+{
+    for (size_t i = 0; i < COMPARE_REGISTERS; i++) {
+        avr_io_addr_t io = AVR_DATA_TO_IO(compare_registers[i]);
+        board->compares[i].write = board->avr->io[io].w.c;
+        board->compares[i].param = board->avr->io[io].w.param;
+        board->avr->io[io].w.c = on_compare;
+        board->avr->io[io].w.param = board;
+    }
 }
 
 // -------------------------------------------------------------------- EEPROM
@@ -901,8 +949,11 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
             board->uart_module = (avr_uart_t *)io;
         if (!strcmp(io->kind, "adc"))
             board->adc_module = (avr_adc_t *)io;
+        if (!strcmp(io->kind, "timer") && ((avr_timer_t *)io)->name == '1')
+            board->timer_1_module = (avr_timer_t *)io;
     }
-    if (!board->eeprom_module || !board->uart_module || !board->adc_module) {
+    if (!board->eeprom_module || !board->uart_module || !board->adc_module ||
+        !board->timer_1_module) {
         softrig_board_free(board);
         return NULL;
     }
@@ -920,6 +971,7 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
     avr_register_io_write(avr, UBRR0L, on_uart_setup, board);
     avr_register_io_write(avr, UCSR0A, on_uart_setup, board);
     avr_register_io_write(avr, ADCSRA, on_converter_control, board);
+    watch_compares(board);
     board->byte_cycles = hertz / 11520;
 
     no_level_polling(avr);

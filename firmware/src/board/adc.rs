@@ -195,7 +195,7 @@ __vector_29:                        ; ADC
     add_sample!("flex_sum"),
     "
     ldi  r24, {pressure}
-2:  sts  {admux}, r24               ; not before the sample is read: simavr reads what is selected
+2:  sts  {admux}, r24               ; after the sample, as below
     lds  r24, {count}
     inc  r24
     sts  {count}, r24

@@ -100,7 +100,7 @@ pub struct Board {
     light: Light<pin_type!(Output, LIGHT)>,
     /// The second before a fault.
     past: &'static mut Past,
-    /// Cycle marks for the simulator.
+    /// Cycle marks of the self-test.
     marks: Marks,
     health: Health,
     watchdog: Watchdog,
