@@ -86,9 +86,6 @@ pub trait Board {
 
     /// A period was completed; whether the rig is armed. A watchdog wants to hear it.
     fn completed(&mut self, is_armed: bool);
-
-    /// Hangs, so that the watchdog can be seen to work; interrupts go on.
-    fn hang(&mut self);
 }
 
 /// Parts of a board, to be used at once.
@@ -160,9 +157,6 @@ impl App {
             board.measure_supply();
         }
         board.completed(is_armed);
-        if self.hangs() {
-            board.hang();
-        }
     }
 
     /// Whether nothing moves.
@@ -253,7 +247,6 @@ mod tests {
         /// How often the supply was to be measured.
         measured: u32,
         looked: usize,
-        hung: bool,
     }
 
     impl Board for Desktop {
@@ -311,10 +304,6 @@ mod tests {
         fn completed(&mut self, is_armed: bool) {
             self.completed.push(is_armed);
         }
-
-        fn hang(&mut self) {
-            self.hung = true;
-        }
     }
 
     struct Rig {
@@ -344,7 +333,6 @@ mod tests {
                     samples: Vec::new(),
                     looked: 0,
                     measured: 0,
-                    hung: false,
                 },
                 assembler: Assembler::new(),
             }
@@ -445,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overlong_line_is_counted_and_hanging_is_the_boards() {
+    fn an_overlong_line_is_counted() {
         let mut rig = Rig::new();
         rig.board.cable.to_board.extend([b'x'; MAX_LINE + 1]);
         rig.board.cable.to_board.extend(b"\nstatus\n");
@@ -455,8 +443,5 @@ mod tests {
             "{}",
             rig.board.cable.said
         );
-        rig.say(Command::Hang);
-        rig.periods(1);
-        assert!(rig.board.hung);
     }
 }

@@ -61,6 +61,15 @@ const fn mode_bits(mode: ControlMode) -> u8 {
 }
 
 impl Packed {
+    /// An empty place.
+    const EMPTY: Self = Self {
+        kind: 0,
+        level: [0; 2],
+        amplitude: [0; 2],
+        period_ms: [0; 3],
+        duration_ms: [0; 3],
+    };
+
     /// Packs a segment; none if a level cannot be one.
     fn pack(segment: &Segment) -> Option<Self> {
         let mode = segment.mode().map_or(0, mode_bits);
@@ -155,22 +164,16 @@ pub struct Memory {
 impl Memory {
     /// Memory without a protocol.
     pub const fn new() -> Self {
-        const EMPTY: Packed = Packed {
-            kind: 0,
-            level: [0; 2],
-            amplitude: [0; 2],
-            period_ms: [0; 3],
-            duration_ms: [0; 3],
-        };
         Self {
-            segments: [EMPTY; MAX_SEGMENTS as usize],
+            segments: [Packed::EMPTY; MAX_SEGMENTS as usize],
             count: 0,
         }
     }
 
     /// Clears the memory and expects `count` segments.
     pub fn clear(&mut self, count: u8) {
-        *self = Self::new();
+        // In place: a new one would be on the stack first, and on the deepest path.
+        self.segments.fill(Packed::EMPTY);
         self.count = count.min(MAX_SEGMENTS);
     }
 

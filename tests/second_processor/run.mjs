@@ -22,5 +22,5 @@ for (const line of readFileSync(script, 'latin1').split('\n')) {
   }
 }
 writeSync(1, Buffer.from(board.output));
-const marks = board.marks.filter(([id]) => id !== 6).map(([id, cycles]) => `mark ${id} ${cycles}\n`);
+const marks = board.marks.map(([id, cycles]) => `mark ${id} ${cycles}\n`);
 writeSync(2, `${marks.join('')}position ${board.position}\n`);

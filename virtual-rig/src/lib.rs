@@ -11,6 +11,7 @@
 //! released program links it.
 #![deny(unsafe_code)]
 
+pub mod alone;
 pub mod bench;
 pub mod board;
 pub mod fault;
@@ -22,6 +23,7 @@ mod simavr;
 pub mod stk500;
 pub mod wiring;
 
+pub use alone::Alone;
 pub use bench::Bench;
 pub use board::{Board, BoardError, Mark, MarkTotal, Pin, ResetCause, State, Stepper};
 pub use fault::{Defect, Fault, Planned, Size};

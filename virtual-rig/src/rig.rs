@@ -797,8 +797,7 @@ impl VirtualRig {
     }
 
     /// Cycles in all stretches that the firmware marked with `id` in GPIOR0,
-    /// their number and the longest. CPU use over a while is one minus the
-    /// difference of the idle mark's cycles over the cycles that passed.
+    /// their number and the longest.
     pub fn mark_total(&self, id: u8) -> MarkTotal {
         self.board.mark_total(id)
     }
@@ -817,6 +816,11 @@ impl VirtualRig {
     /// Cycles that the processor spent in a sleep mode.
     pub fn slept_cycles(&self) -> u64 {
         self.board.slept_cycles()
+    }
+
+    /// A byte of the data space: registers and memory.
+    pub fn data(&self, address: u16) -> u8 {
+        self.board.data(address)
     }
 
     /// The deepest that the stack has been since power-on, in bytes.

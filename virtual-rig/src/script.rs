@@ -11,7 +11,6 @@ use std::{fs, io};
 use anyhow::{Context, bail};
 use virtual_rig::board::{CLOCK_HZ, Pin, SUPPLY_MILLIVOLTS, StepperWiring};
 use virtual_rig::{Board, Image, wiring};
-use wire::stretch::IDLE;
 
 /// Codes of the converter.
 const CODES: f64 = 1024.0;
@@ -64,7 +63,7 @@ pub fn run(image: &Path, script: &Path) -> anyhow::Result<()> {
     }
     io::stdout().lock().write_all(&board.take_output())?;
     let mut marks = io::stderr().lock();
-    for mark in board.take_marks().iter().filter(|mark| mark.id != IDLE) {
+    for mark in board.take_marks() {
         writeln!(marks, "mark {} {}", mark.id, mark.cycles)?;
     }
     writeln!(marks, "position {}", board.stepper().position)?;

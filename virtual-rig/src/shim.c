@@ -22,8 +22,10 @@
 #include <avr_eeprom.h>
 #include <avr_extint.h>
 #include <avr_ioport.h>
+#include <avr_timer.h>
 #include <avr_uart.h>
 #include <sim_avr.h>
+#include <sim_core.h>
 #include <sim_cycle_timers.h>
 #include <sim_interrupts.h>
 #include <sim_irq.h>
@@ -33,6 +35,10 @@
 #define MCUSR 0x54
 #define WDTCSR 0x60
 #define ADCSRA 0x7a
+#define TCCR1A 0x80
+#define TCCR1B 0x81
+#define OCR1AL 0x88
+#define OCR1BL 0x8a
 #define EECR 0x3f
 #define EEDR 0x40
 #define EEARL 0x41
@@ -76,6 +82,10 @@
 // limit above one it does so after every instruction, at half the speed.
 #define RUN_AT_MOST 1000
 
+// Later than this after a turn of a counter simavr does not look for what was due there: an instruction
+// and the entry of an interrupt.
+#define AFTER_TURN 16
+
 // Bytes that the receiver holds: two in its buffer; a third in the shift
 // register is lost when a fourth starts.
 #define RECEIVER_HOLDS 2
@@ -84,9 +94,18 @@
 #define CHANNELS 8
 #define NOISE_TABLE 4096
 
+// What lets simavr compute the matches of timer 1 anew.
+static const uint16_t compare_registers[] = {TCCR1A, TCCR1B, OCR1AL, OCR1BL};
+#define COMPARE_REGISTERS (sizeof compare_registers / sizeof *compare_registers)
+
 struct mark {
     uint64_t cycles;
     uint8_t id;
+};
+
+struct write {
+    uint16_t address;
+    uint8_t value;
 };
 
 struct total {
@@ -105,6 +124,11 @@ struct softrig_board {
     avr_eeprom_t *eeprom_module;
     avr_uart_t *uart_module;
     avr_adc_t *adc_module;
+    avr_timer_t *timer_1_module;
+    struct {
+        avr_io_write_t write;
+        void *param;
+    } compares[COMPARE_REGISTERS]; // simavr's own
 
     // Reset
     uint8_t reset_flags; // MCUSR as the firmware left it
@@ -157,6 +181,10 @@ struct softrig_board {
     int trace_steps;
     uint64_t *step_cycles;
     size_t step_cycles_len, step_cycles_cap;
+
+    // What a handler that runs alone wrote to registers
+    struct write *writes;
+    size_t writes_len, writes_cap;
 
     // Converter
     double millivolts[CHANNELS], noise[CHANNELS];
@@ -362,6 +390,36 @@ static void on_interrupt(struct avr_irq_t *irq, uint32_t value, void *param)
 uint64_t softrig_board_slept(const struct softrig_board *board)
 {
     return board->slept;
+}
+
+// ------------------------------------------------------------------- timer 1
+
+// simavr sets up the matches of a turn some cycles after it began; what was due by then it would
+// only see a turn later, and a match at zero never. Both come up to a microsecond late instead.
+static void on_compare(struct avr_t *avr, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    struct softrig_board *board = param;
+    for (size_t i = 0; i < COMPARE_REGISTERS; i++)
+        if (addr == compare_registers[i])
+            board->compares[i].write(avr, addr, value, board->compares[i].param);
+    avr_timer_t *timer = board->timer_1_module;
+    static const uint16_t registers[] = {[AVR_TIMER_COMPA] = OCR1AL, [AVR_TIMER_COMPB] = OCR1BL};
+    for (int unit = AVR_TIMER_COMPA; unit <= AVR_TIMER_COMPB; unit++)
+        if (timer->tov_cycles && avr->data[registers[unit] + 1] == 0 &&
+            avr->data[registers[unit]] < AFTER_TURN)
+            timer->comp[unit].comp_cycles = AFTER_TURN + 1;
+}
+
+// Puts it behind simavr's own, whose list of several for one register is full.
+static void watch_compares(struct softrig_board *board)
+{
+    for (size_t i = 0; i < COMPARE_REGISTERS; i++) {
+        avr_io_addr_t io = AVR_DATA_TO_IO(compare_registers[i]);
+        board->compares[i].write = board->avr->io[io].w.c;
+        board->compares[i].param = board->avr->io[io].w.param;
+        board->avr->io[io].w.c = on_compare;
+        board->avr->io[io].w.param = board;
+    }
 }
 
 // -------------------------------------------------------------------- EEPROM
@@ -850,6 +908,7 @@ void softrig_board_free(struct softrig_board *board)
     free(board->input);
     free(board->marks);
     free(board->step_cycles);
+    free(board->writes);
     free(board);
 }
 
@@ -890,8 +949,11 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
             board->uart_module = (avr_uart_t *)io;
         if (!strcmp(io->kind, "adc"))
             board->adc_module = (avr_adc_t *)io;
+        if (!strcmp(io->kind, "timer") && ((avr_timer_t *)io)->name == '1')
+            board->timer_1_module = (avr_timer_t *)io;
     }
-    if (!board->eeprom_module || !board->uart_module || !board->adc_module) {
+    if (!board->eeprom_module || !board->uart_module || !board->adc_module ||
+        !board->timer_1_module) {
         softrig_board_free(board);
         return NULL;
     }
@@ -909,6 +971,7 @@ struct softrig_board *softrig_board_new(const char *processor, uint32_t hertz,
     avr_register_io_write(avr, UBRR0L, on_uart_setup, board);
     avr_register_io_write(avr, UCSR0A, on_uart_setup, board);
     avr_register_io_write(avr, ADCSRA, on_converter_control, board);
+    watch_compares(board);
     board->byte_cycles = hertz / 11520;
 
     no_level_polling(avr);
@@ -1032,4 +1095,73 @@ void softrig_board_flash_set(struct softrig_board *board, uint32_t address, cons
 uint8_t softrig_board_data_get(const struct softrig_board *board, uint16_t address)
 {
     return address <= board->avr->ramend ? board->avr->data[address] : 0;
+}
+
+// ------------------------------------------------------------ a handler alone
+
+static void on_any_write(struct avr_t *avr, avr_io_addr_t addr, uint8_t value, void *param)
+{
+    struct softrig_board *board = param;
+    avr->data[addr] = value;
+    if (!grow((void **)&board->writes, &board->writes_cap, board->writes_len,
+              sizeof *board->writes)) {
+        board->out_of_memory = 1;
+        return;
+    }
+    board->writes[board->writes_len++] = (struct write){.address = addr, .value = value};
+}
+
+// Takes the peripherals away for good: their registers are memory from here on.
+void softrig_board_take_peripherals(struct softrig_board *board)
+{
+    avr_t *avr = board->avr;
+    memset(avr->io, 0, sizeof avr->io);
+    for (size_t i = 0; i < sizeof avr->io / sizeof *avr->io; i++) {
+        avr->io[i].w.c = on_any_write;
+        avr->io[i].w.param = board;
+    }
+}
+
+// Enters what is at `at` as an interrupt does, in this data space, and leaves there what it was
+// when it returned. Returns the instructions that it took; 0 if it did not return within `limit`.
+// `passed` says whether `through` was among them.
+uint32_t softrig_board_enter(struct softrig_board *board, uint8_t *data, uint32_t at,
+                             uint32_t through, uint32_t limit, int *passed)
+{
+    avr_t *avr = board->avr;
+    // Where nothing else leads.
+    const avr_flashaddr_t interrupted = avr->flashend - 1;
+    memcpy(avr->data, data, avr->ramend + 1);
+    SET_SREG_FROM(avr, data[R_SREG]);
+    avr->sreg[S_I] = 0;
+    avr->state = cpu_Running;
+    _avr_push_addr(avr, interrupted);
+    avr->pc = at;
+    board->writes_len = 0;
+    *passed = 0;
+    for (uint32_t taken = 1; taken <= limit && avr->state == cpu_Running; taken++) {
+        *passed |= avr->pc == through;
+        avr->pc = avr_run_one(avr);
+        if (avr->pc == interrupted) {
+            READ_SREG_INTO(avr, avr->data[R_SREG]);
+            memcpy(data, avr->data, avr->ramend + 1);
+            return board->out_of_memory ? 0 : taken;
+        }
+    }
+    return 0;
+}
+
+size_t softrig_board_writes_len(const struct softrig_board *board)
+{
+    return board->writes_len;
+}
+
+// Copies what was written, softrig_board_writes_len of each.
+void softrig_board_get_writes(const struct softrig_board *board, uint16_t *addresses,
+                              uint8_t *values)
+{
+    for (size_t i = 0; i < board->writes_len; i++) {
+        addresses[i] = board->writes[i].address;
+        values[i] = board->writes[i].value;
+    }
 }

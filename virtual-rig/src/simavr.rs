@@ -89,7 +89,21 @@ unsafe extern "C" {
     fn softrig_board_flash_get(board: *const Opaque, address: u32, into: *mut u8, len: u32);
     fn softrig_board_flash_set(board: *mut Opaque, address: u32, from: *const u8, len: u32);
     fn softrig_board_data_get(board: *const Opaque, address: u16) -> u8;
+    fn softrig_board_take_peripherals(board: *mut Opaque);
+    fn softrig_board_enter(
+        board: *mut Opaque,
+        data: *mut u8,
+        at: u32,
+        through: u32,
+        limit: u32,
+        passed: *mut c_int,
+    ) -> u32;
+    fn softrig_board_writes_len(board: *const Opaque) -> usize;
+    fn softrig_board_get_writes(board: *const Opaque, addresses: *mut u16, values: *mut u8);
 }
+
+/// Registers and memory of an ATmega2560.
+pub(crate) const DATA_BYTES: usize = 0x2200;
 
 /// How a stretch of simulation ended, in the shim's numbers.
 pub(crate) enum Outcome {
@@ -407,6 +421,38 @@ impl Simavr {
     pub(crate) fn data(&self, address: u16) -> u8 {
         // SAFETY: the handle is live, and the shim checks the address.
         unsafe { softrig_board_data_get(self.get(), address) }
+    }
+
+    pub(crate) fn take_peripherals(&mut self) {
+        // SAFETY: the handle is live and not in use elsewhere.
+        unsafe { softrig_board_take_peripherals(self.get_mut()) }
+    }
+
+    /// Whether a handler passed through an address; nothing if it did not return.
+    pub(crate) fn enter(
+        &mut self,
+        data: &mut [u8; DATA_BYTES],
+        at: u32,
+        through: u32,
+        limit: u32,
+    ) -> Option<bool> {
+        let mut passed = 0;
+        // SAFETY: the handle is live, and `data` has the length of the processor's data space.
+        let taken = unsafe {
+            let data = data.as_mut_ptr();
+            softrig_board_enter(self.get_mut(), data, at, through, limit, &raw mut passed)
+        };
+        (taken > 0).then_some(passed != 0)
+    }
+
+    pub(crate) fn writes(&self) -> Vec<(u16, u8)> {
+        // SAFETY: the handle is live; both buffers have the shim's length.
+        unsafe {
+            let length = softrig_board_writes_len(self.get());
+            let (mut addresses, mut values) = (vec![0; length], vec![0; length]);
+            softrig_board_get_writes(self.get(), addresses.as_mut_ptr(), values.as_mut_ptr());
+            addresses.into_iter().zip(values).collect()
+        }
     }
 }
 

@@ -380,7 +380,7 @@ fn or_nan<W: uWrite + ?Sized>(
 
 /// A number, or `nan` where it is not known; the outer option is none when it is neither.
 #[allow(clippy::option_option)]
-fn known<N: core::str::FromStr>(field: &[u8]) -> Option<Option<N>> {
+fn known<N: TryFrom<u32> + TryFrom<i32>>(field: &[u8]) -> Option<Option<N>> {
     match field {
         b"nan" => Some(None),
         number => fields::number(number).map(Some),

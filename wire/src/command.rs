@@ -81,8 +81,6 @@ pub enum Command {
     Past(u8),
     /// The switches, open or closed.
     Switches,
-    /// Let the main program hang, at rest: what the watchdog is for.
-    Hang,
     /// Home, measure the stroke between the end switches, home again, be ready.
     Stroke,
     /// What the board found out about its pump and its supply; see [`crate::answer::Machine`].
@@ -111,7 +109,6 @@ const EXACT: Keyword = Keyword::of("exact");
 const LOG: Keyword = Keyword::of("log");
 const PAST: Keyword = Keyword::of("past");
 const SWITCHES: Keyword = Keyword::of("switches");
-const HANG: Keyword = Keyword::of("hang");
 const STROKE: Keyword = Keyword::of("stroke");
 const MACHINE: Keyword = Keyword::of("machine");
 
@@ -199,7 +196,6 @@ impl Command {
             LOG => Self::Log(fields.number()?),
             PAST => Self::Past(fields.number()?),
             SWITCHES => Self::Switches,
-            HANG => Self::Hang,
             STROKE => Self::Stroke,
             MACHINE => Self::Machine,
             _ => return None,
@@ -234,7 +230,6 @@ impl Request {
             Command::Raw => RAW,
             Command::Exact => EXACT,
             Command::Switches => SWITCHES,
-            Command::Hang => HANG,
             Command::Stroke => STROKE,
             Command::Machine => MACHINE,
             Command::Run(Some(named)) => {
@@ -336,7 +331,6 @@ mod tests {
             "save",
             "clear",
             "beat",
-            "hang",
             "stroke",
         ] {
             assert_eq!(
@@ -361,10 +355,13 @@ mod tests {
             Request::parse(&bytes),
             Err(Rejection::Damaged(LineError::WrongChecksum { .. }))
         ));
-        assert_eq!(
-            Request::parse(sealed("9 fly away").as_bytes()),
-            Err(Rejection::Unknown { id: 9 })
-        );
+        // Nor can any request stop the main program.
+        for text in ["9 fly away", "9 hang"] {
+            assert_eq!(
+                Request::parse(sealed(text).as_bytes()),
+                Err(Rejection::Unknown { id: 9 })
+            );
+        }
     }
 
     proptest! {

@@ -10,7 +10,7 @@ impl<'t> Fields<'t> {
     }
 
     /// The next field as an integer.
-    pub(crate) fn number<N: core::str::FromStr>(&mut self) -> Option<N> {
+    pub(crate) fn number<N: TryFrom<u32> + TryFrom<i32>>(&mut self) -> Option<N> {
         number(self.next()?)
     }
 
@@ -37,12 +37,25 @@ impl<'t> Iterator for Fields<'t> {
     }
 }
 
-/// A decimal integer with an optional minus; no plus sign, nothing empty.
-pub(crate) fn number<N: core::str::FromStr>(field: &[u8]) -> Option<N> {
-    if field.first() == Some(&b'+') {
+/// A decimal integer with an optional minus, which only a signed one may have; no plus sign, nothing empty.
+///
+/// Not by way of a `str`: to find out whether bytes are one, the core library has a table of 256 bytes, which
+/// are RAM on the board.
+pub(crate) fn number<N: TryFrom<u32> + TryFrom<i32>>(field: &[u8]) -> Option<N> {
+    let digits = field.strip_prefix(b"-").unwrap_or(field);
+    if digits.is_empty() {
         return None;
     }
-    core::str::from_utf8(field).ok()?.parse().ok()
+    let mut size = 0_u32;
+    for &byte in digits {
+        let digit = char::from(byte).to_digit(10)?;
+        size = size.checked_mul(10)?.checked_add(digit)?;
+    }
+    if digits.len() == field.len() {
+        return N::try_from(size).ok();
+    }
+    N::try_from(-1).ok()?;
+    N::try_from(0_i32.checked_sub_unsigned(size)?).ok()
 }
 
 /// Eight hexadecimal digits.
@@ -56,10 +69,12 @@ pub(crate) fn half_word(field: &[u8]) -> Option<u16> {
 }
 
 fn hexadecimal(field: &[u8], digits: usize) -> Option<u32> {
-    if field.len() != digits || !field.iter().all(u8::is_ascii_hexdigit) {
+    if field.len() != digits {
         return None;
     }
-    u32::from_str_radix(core::str::from_utf8(field).ok()?, 16).ok()
+    field.iter().try_fold(0, |number, &byte| {
+        Some(number << 4 | char::from(byte).to_digit(16)?)
+    })
 }
 
 #[cfg(test)]
@@ -80,8 +95,31 @@ mod tests {
     #[test]
     fn numbers_are_strict() {
         assert_eq!(number::<i32>(b"-12"), Some(-12));
-        for field in [&b""[..], b"+1", b"1.5", b" 1", b"300", b"0x1"] {
-            assert_eq!(number::<u8>(field), None);
+        assert_eq!(number::<i32>(b"-2147483648"), Some(i32::MIN));
+        assert_eq!(number::<u32>(b"4294967295"), Some(u32::MAX));
+        for field in [
+            &b""[..],
+            b"-",
+            b"+1",
+            b"-1",
+            b"-0",
+            b"--1",
+            b"1.5",
+            b" 1",
+            b"300",
+            b"0x1",
+            b"a",
+            b"\xff",
+        ] {
+            assert_eq!(number::<u8>(field), None, "{field:?}");
+        }
+        for field in [
+            &b"2147483648"[..],
+            b"-2147483649",
+            b"4294967296",
+            b"99999999999",
+        ] {
+            assert_eq!(number::<i32>(field), None, "{field:?}");
         }
         assert_eq!(word(b"3f800000"), Some(0x3f80_0000));
         for field in [&b"3f80000"[..], b"+3f80000", b"3f80000g"] {

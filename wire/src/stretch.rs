@@ -14,8 +14,6 @@ pub const POWER_MINIMAX: u8 = 3;
 pub const POWER_MICROMATH: u8 = 4;
 /// Nothing: what the marks themselves cost.
 pub const NOTHING: u8 = 5;
-/// Waiting for something to do, asleep; what interrupts take out of it included.
-pub const IDLE: u8 = 6;
 
 /// One step of the base equation, by the table of the power.
 pub const STEP_TABLE: u8 = 7;
@@ -48,7 +46,6 @@ pub const fn name(stretch: u8) -> Option<&'static str> {
         POWER_MINIMAX => "power_minimax",
         POWER_MICROMATH => "power_micromath",
         NOTHING => "nothing",
-        IDLE => "idle",
         STEP_TABLE => "step_table",
         STEP_DEAREST => "step_dearest",
         _ => return None,

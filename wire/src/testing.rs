@@ -96,7 +96,6 @@ pub fn every_command() -> Vec<Command> {
         Command::Log(7),
         Command::Past(50),
         Command::Switches,
-        Command::Hang,
         Command::Stroke,
         Command::Machine,
     ];

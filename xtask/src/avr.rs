@@ -8,6 +8,7 @@ use std::{
 
 use crate::image::{self, stamp::FLASH_BYTES};
 use crate::shell::{self, Outcome, read, root, run, target_dir};
+use crate::stack;
 
 /// The toolchain name that `firmware/rust-toolchain.toml` asks for.
 pub const TOOLCHAIN: &str = "softrig-avr";
@@ -200,10 +201,11 @@ pub fn gates(image: &Path) -> Outcome {
     let symbols = read(Command::new("avr-nm").arg("--defined-only").arg(image))?;
     let bytes =
         fs::read(image).map_err(|error| format!("cannot read {}: {error}", image.display()))?;
-    let broken = broken_gates(&symbols, &bytes);
+    let mut broken = broken_gates(&symbols, &bytes);
+    broken.extend(stack::nesting(&disassembly(image)?)?);
     if broken.is_empty() {
         println!(
-            "  gates: avr-libc's float routines, no 64-bit floats, no core::fmt, no panics, no `!!!`"
+            "  gates: avr-libc's float routines, no 64-bit floats, no core::fmt, no panics, no `!!!`, interrupts do not nest"
         );
         Ok(())
     } else {

@@ -7,6 +7,8 @@
 //!
 //! Whether a path can be taken is not asked, so this is a bound. There is none if a function calls
 //! itself or an address that is computed; the image may have neither.
+//!
+//! That interrupts do not nest is the second question to the same graph: see [`nesting`].
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -17,6 +19,24 @@ const RETURN_ADDRESS: u64 = 3;
 
 /// The main program, which the start-up code calls.
 const MAIN: &str = "main";
+
+/// Where the processor finds the handlers, and the one of interrupts that have none, which starts anew.
+const VECTORS: &str = "__vectors";
+const NO_HANDLER: &str = "__bad_interrupt";
+
+/// SREG among the ports and in memory, and GPIOR2, in which `firmware/src/board/entry.rs` keeps it.
+const SREG: &str = "0x3f";
+const SREG_IN_MEMORY: &str = "0x005F";
+const KEPT: &str = "0x2b";
+
+/// Instructions whose first operand is only read.
+const READING: [&str; 6] = ["push", "tst", "cp", "cpc", "cpi", "cpse"];
+
+/// Instructions behind which the next one in memory does not follow. A call at the end of a function
+/// does not return.
+const ENDS: [&str; 8] = [
+    "ret", "reti", "jmp", "rjmp", "ijmp", "eijmp", "call", "rcall",
+];
 
 /// Instructions in which a frame that was computed reaches the stack pointer.
 const FRAME_IS_SET_WITHIN: usize = 8;
@@ -43,16 +63,16 @@ struct Function {
     own: u64,
     calls: Vec<(u64, u64)>,
     is_indirect: bool,
+    /// The instruction that may switch interrupts on.
+    switches_on: Option<String>,
+    /// It ends as a handler does, which switches them on too.
+    ends_interrupt: bool,
 }
 
 /// Adds up an image from the output of `avr-objdump -d --no-show-raw-insn`.
 pub fn bound(disassembly: &str) -> Outcome<Bound> {
     let (names, code) = parse(disassembly);
-    let owner = |address: u64| names.range(..=address).next_back().map(|(&at, _)| at);
-    let functions: BTreeMap<u64, Function> = code
-        .iter()
-        .map(|(&at, instructions)| (at, function(at, instructions, owner)))
-        .collect();
+    let functions = functions(&names, &code);
     let start = names
         .iter()
         .find(|(_, name)| **name == MAIN)
@@ -66,11 +86,8 @@ pub fn bound(disassembly: &str) -> Outcome<Bound> {
     };
     let (main, path) = depths.of(start)?;
     let mut interrupt = 0;
-    for (&at, name) in &names {
-        let number = name.strip_prefix("__vector_");
-        if number.is_some_and(|number| number.bytes().all(|byte| byte.is_ascii_digit())) {
-            interrupt = interrupt.max(RETURN_ADDRESS + depths.of(at)?.0);
-        }
+    for at in handlers(&names, &code)? {
+        interrupt = interrupt.max(RETURN_ADDRESS + depths.of(at)?.0);
     }
     let path = path
         .into_iter()
@@ -82,12 +99,78 @@ pub fn bound(disassembly: &str) -> Outcome<Bound> {
     })
 }
 
+/// What could let an interrupt come while another is served: everything that a handler of the table
+/// reaches has interrupts off up to the `reti` at its end. What is written to SREG must be what was
+/// read from it; a store to an address that is computed is not looked at.
+pub fn nesting(disassembly: &str) -> Outcome<Vec<String>> {
+    let (names, code) = parse(disassembly);
+    let functions = functions(&names, &code);
+    let mut wrong = Vec::new();
+    for handler in handlers(&names, &code)? {
+        let mut seen = HashSet::new();
+        let mut open = vec![(handler, false)];
+        while let Some((at, is_called)) = open.pop() {
+            let Some(function) = functions.get(&at).filter(|_| seen.insert((at, is_called))) else {
+                continue;
+            };
+            let why = match &function.switches_on {
+                _ if function.is_indirect => Some("an address that is computed"),
+                Some(instruction) => Some(instruction.as_str()),
+                None => (is_called && function.ends_interrupt).then_some("reti, called"),
+            };
+            wrong.extend(why.map(|why| {
+                format!(
+                    "interrupts may nest: {} comes to `{why}` in {}",
+                    names[&handler],
+                    plain(names[&at])
+                )
+            }));
+            let calls = function.calls.iter();
+            open.extend(calls.map(|&(to, cost)| (to, is_called || cost > 0)));
+        }
+    }
+    Ok(wrong)
+}
+
 type Names<'text> = BTreeMap<u64, &'text str>;
+type Code<'text> = BTreeMap<u64, Vec<Instruction<'text>>>;
+
+/// The handlers of the vector table, whose first entry is the reset.
+fn handlers(names: &Names<'_>, code: &Code<'_>) -> Outcome<HashSet<u64>> {
+    let table = names.iter().find(|(_, name)| **name == VECTORS);
+    let table = table.and_then(|(at, _)| code.get(at)).into_iter().flatten();
+    let handlers: HashSet<u64> = table
+        .skip(1)
+        .filter_map(|entry| entry.target)
+        .filter(|at| names.get(at).is_none_or(|name| *name != NO_HANDLER))
+        .collect();
+    match handlers.iter().find(|at| !code.contains_key(at)) {
+        Some(at) => Err(format!("an interrupt leads to {at:#x}, where no function begins").into()),
+        None if handlers.is_empty() => Err("the image has no interrupt handlers".into()),
+        None => Ok(handlers),
+    }
+}
+
+fn functions(names: &Names<'_>, code: &Code<'_>) -> BTreeMap<u64, Function> {
+    let owner = |address: u64| names.range(..=address).next_back().map(|(&at, _)| at);
+    code.iter()
+        .map(|(&at, instructions)| {
+            let mut function = function(at, instructions, owner);
+            if let Some(last) = instructions.last()
+                && !ENDS.contains(&last.name)
+            {
+                let next = names.range(at + 1..).next();
+                function.calls.extend(next.map(|(&next, _)| (next, 0)));
+            }
+            (at, function)
+        })
+        .collect()
+}
 
 /// Where functions begin, and their instructions. What begins with a dot is a label within one.
-fn parse(disassembly: &str) -> (Names<'_>, BTreeMap<u64, Vec<Instruction<'_>>>) {
+fn parse(disassembly: &str) -> (Names<'_>, Code<'_>) {
     let mut names = Names::new();
-    let mut code: BTreeMap<u64, Vec<Instruction>> = BTreeMap::new();
+    let mut code = Code::new();
     let mut now = None;
     for line in disassembly.lines() {
         if let Some((at, name)) = line
@@ -134,6 +217,11 @@ fn function(at: u64, instructions: &[Instruction], owner: impl Fn(u64) -> Option
     let mut function = Function::default();
     for (index, instruction) in instructions.iter().enumerate() {
         let rest = &instructions[index + 1..];
+        if function.switches_on.is_none() && switches_on(instruction, &instructions[..index]) {
+            let text = format!("{} {}", instruction.name, instruction.operands);
+            function.switches_on = Some(text.trim_end().to_owned());
+        }
+        function.ends_interrupt |= instruction.name == "reti";
         match instruction.name {
             "push" => function.own += 1,
             "sbiw" | "subi" => function.own += frame(instruction, rest),
@@ -153,6 +241,36 @@ fn function(at: u64, instructions: &[Instruction], owner: impl Fn(u64) -> Option
         }
     }
     function
+}
+
+/// Whether an instruction may switch interrupts on, unless it ends one: whether it does, or writes to
+/// SREG what was not read from there, perhaps by way of the stack or of GPIOR2.
+fn switches_on(instruction: &Instruction, before: &[Instruction]) -> bool {
+    let Instruction { name, operands, .. } = *instruction;
+    let Some((to, from)) = operands.split_once(", ") else {
+        return name == "sei";
+    };
+    if !(name == "out" && to == SREG) {
+        return name == "sts" && to == SREG_IN_MEMORY;
+    }
+    let source = before
+        .iter()
+        .rev()
+        .find(|it| it.operands.split(", ").next() == Some(from) && !READING.contains(&it.name));
+    let is_kept = |by: &str, operands: &dyn Fn(&str) -> String| {
+        before.windows(2).any(|pair| {
+            let register = pair[0].operands.strip_suffix(", 0x3f");
+            pair[0].name == "in"
+                && pair[1].name == by
+                && register.is_some_and(|register| pair[1].operands == operands(register))
+        })
+    };
+    !source.is_some_and(|it| match (it.name, it.operands.split_once(", ")) {
+        ("pop", _) => is_kept("push", &str::to_owned),
+        ("in", Some((_, SREG))) => true,
+        ("in", Some((_, KEPT))) => is_kept("out", &|register| format!("{KEPT}, {register}")),
+        _ => false,
+    })
 }
 
 /// The bytes by which an instruction lowers the stack pointer: it subtracts from Y, of which Y then
@@ -270,6 +388,14 @@ mod tests {
     /// Two pushed registers and a near frame of five bytes, a call of a function with a far
     /// frame of 300, and an interrupt that jumps to what pushes three more.
     const IMAGE: &str = "\
+00000000 <__vectors>:
+   0:\tjmp\t0x30\t; 0x30 <main>
+   4:\tjmp\t0x10\t; 0x10 <__vector_17>
+   8:\tjmp\t0xc\t; 0xc <__bad_interrupt>
+
+0000000c <__bad_interrupt>:
+   c:\tjmp\t0\t; 0x0 <__vectors>
+
 00000010 <__vector_17>:
   10:\tpush\tr24
   12:\tpop\tr24
@@ -327,6 +453,53 @@ mod tests {
         let data = format!("{IMAGE}\n00000080 <TEXT>:\n  80:\tijmp\n");
         assert!(bound(&data).is_ok());
         assert!(bound("").is_err());
+    }
+
+    /// The image with another instruction or several in the second of the handler's functions.
+    fn with(instructions: &str) -> String {
+        let lines = instructions.split("; ").map(|it| it.replacen(' ', "\t", 1));
+        IMAGE.replace(
+            "push\tr1\n",
+            &(lines.collect::<Vec<_>>().join("\n  22:\t") + "\n"),
+        )
+    }
+
+    #[test]
+    fn an_interrupt_that_lets_others_in_is_found() {
+        let wrong = |image: &str| nesting(image).unwrap();
+        for off in [
+            "push r1",
+            "in r0, 0x3f; push r0; cpi r0, 0x80; pop r0; out 0x3f, r0",
+            "in r24, 0x3f; out 0x2b, r24; ldi r24, 0x80; in r24, 0x2b; out 0x3f, r24",
+            "in r0, 0x3f; cli; out 0x3e, r29; out 0x3f, r0; out 0x3d, r28",
+            "out 0x3e, r0",
+        ] {
+            assert_eq!(wrong(&with(off)), [""; 0], "{off}");
+        }
+        for on in [
+            "sei",
+            "ldi r24, 0x80; out 0x3f, r24",
+            "in r24, 0x3f; ori r24, 0x80; out 0x3f, r24",
+            "pop r0; out 0x3f, r0",
+            "in r24, 0x2b; out 0x3f, r24",
+            "sts 0x005F, r24",
+            "ijmp",
+        ] {
+            let said = wrong(&with(on));
+            assert!(
+                said.len() == 1 && said[0].contains("__vector_17"),
+                "{on}: {said:?}"
+            );
+        }
+        let falls = IMAGE.replace("  14:\tjmp\t0x20\t; 0x20 <edge>\n", "");
+        let falls = falls.replace("  22:\tpush\tr1", "  22:\tsei");
+        assert_eq!(wrong(&falls).len(), 1);
+        let called = IMAGE.replace("  14:\tjmp\t", "  14:\tcall\t");
+        assert!(wrong(&called)[0].contains("reti, called"));
+        // The main program may, and what has no table shows nothing.
+        assert!(wrong(&IMAGE.replace("  60:\tret", "  60:\tsei")).is_empty());
+        assert!(nesting(&IMAGE.replace("__vectors", "vectors")).is_err());
+        assert!(nesting(&IMAGE.replace("; 0x10 <", "; 0x12 <")).is_err());
     }
 
     #[test]

@@ -108,8 +108,6 @@ pub struct App {
     supply_armed: Oversampled,
     /// The state at the start of this period, and the segment of a protocol then.
     phase: (State, Option<u8>),
-    /// Whether the main program was asked to hang.
-    hangs: bool,
 }
 
 /// Takes the model of the settings for the prediction; returns whether it can be stepped.
@@ -194,7 +192,6 @@ impl App {
             delay_ms: None,
             supply_armed: Oversampled::NOT_MEASURED,
             phase: (State::Idle, None),
-            hangs: false,
         }
     }
 
@@ -211,12 +208,6 @@ impl App {
     /// The board's state.
     pub fn state(&self) -> State {
         self.supervisor.state()
-    }
-
-    /// Whether the main program is to hang, so that the watchdog can be seen to work. Nothing
-    /// moves then: only an idle board accepts it.
-    pub fn hangs(&self) -> bool {
-        self.hangs
     }
 
     /// Writes who this is, and why it started if that is unusual.

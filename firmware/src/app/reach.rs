@@ -141,7 +141,6 @@ fn lines() -> Vec<String> {
         Command::Switches,
         Command::Machine,
         Command::Stroke,
-        Command::Hang,
     ]
     .map(sealed)
     .into();

@@ -211,12 +211,6 @@ impl App {
                 // The prediction was in the old zero.
                 self.monitor.restart();
             }
-            Command::Hang => {
-                if self.state() != State::Idle || self.is_busy() {
-                    return Err(Refusal::NotNow);
-                }
-                self.hangs = true;
-            }
             // Heard, which is all that it is for.
             Command::Beat => {}
             // Questions: they were answered.

@@ -25,11 +25,11 @@ pub trait Texts {
 pub const HELP: [&str; 7] = [
     "status, raw, switches, exact, get KEY: look; stop, disarm: all off",
     "machine: pump and supply; log N: faults, 0 the latest; past N: before it",
-    "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold]",
+    "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold|follow]",
     "load N, seg I step|ramp|sines|hold|release|repeat ...: a protocol of your own",
     "set KEY BITS, save, discard: settings; tare: zero the sensors; clear: a fault",
-    "stroke: measure the pump; selftest: model steps to the bit; hang: the watchdog",
-    "hello, beat: for programs; what moves or changes needs a checksum: use rig",
+    "stroke: measure the pump; selftest: model steps to the bit",
+    "hello, beat: for programs; what moves or changes needs a checksum: use softrig",
 ];
 
 /// The texts where RAM does not matter.

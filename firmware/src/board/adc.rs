@@ -15,7 +15,7 @@
 //! longer than the time between two conversions. So it takes a period of the sensors, of which the
 //! second half counts, and only at rest: that period shows the sensors' readings of the one before.
 
-use core::{arch::global_asm, mem::size_of};
+use core::mem::size_of;
 
 use avr_device::atmega2560::{ADC as Converter, adc::RegisterBlock};
 use firmware::{
@@ -25,17 +25,18 @@ use firmware::{
 };
 
 use super::{
-    entry::{enter, restore},
+    entry::{enter, handler, restore},
     periods::{self, BEATS},
+    registers::{ADC_DATA, ADMUX, MUX, REFS},
     shared::{self, Shared, SharedByte, SharedFlag},
 };
 
 /// Reference: the supply, to which both sensors are ratiometric.
-const REFERENCE: u8 = 0b0100_0000;
-const PRESSURE: u8 = REFERENCE | PRESSURE_CHANNEL;
-const FLEX: u8 = REFERENCE | FLEX_CHANNEL;
+const REFERENCE: u8 = 0b01 << REFS;
+const PRESSURE: u8 = REFERENCE | PRESSURE_CHANNEL << MUX;
+const FLEX: u8 = REFERENCE | FLEX_CHANNEL << MUX;
 /// The processor's reference of 1.1 V.
-const SUPPLY: u8 = REFERENCE | 0b1_1110;
+const SUPPLY: u8 = REFERENCE | 0b1_1110 << MUX;
 
 /// Whether the next period is the supply's; so is the first one.
 static IS_SUPPLY_WANTED: SharedFlag = SharedFlag::new(true);
@@ -64,7 +65,7 @@ const GAP: u16 = 0x8000;
 macro_rules! add_sample {
     ($sum:literal) => {
         concat!(
-            "lds r24, 0x78
+            "lds r24, {data}
              lds r25, {",
             $sum,
             "}
@@ -72,7 +73,7 @@ macro_rules! add_sample {
              sts {",
             $sum,
             "}, r25
-             lds r25, 0x79
+             lds r25, {data}+1
              andi r24, {contact}
              or  r24, r25                    ; zero below NO_CONTACT
              lds r24, {",
@@ -167,7 +168,7 @@ pub(super) fn end_period() {
 
 // A conversion is done. The usual one adds to its sum and moves the multiplexer on; the last of a period
 // and those of the supply it leaves untouched to `converted` below.
-global_asm!(
+handler!(
     "
     .section .text.softrig_converted,\"ax\",@progbits
     .global __vector_29
@@ -180,7 +181,7 @@ __vector_29:                        ; ADC
     lds  r24, {ends}
     tst  r24
     brne 3f
-    lds  r24, 0x7c                  ; ADMUX
+    lds  r24, {admux}
     cpi  r24, {pressure}
     brne 1f
     ",
@@ -194,7 +195,7 @@ __vector_29:                        ; ADC
     add_sample!("flex_sum"),
     "
     ldi  r24, {pressure}
-2:  sts  0x7c, r24                  ; not before the sample is read: simavr reads what is selected
+2:  sts  {admux}, r24               ; after the sample, as below
     lds  r24, {count}
     inc  r24
     sts  {count}, r24
@@ -210,6 +211,8 @@ __vector_29:                        ; ADC
     "
     jmp  {converted}
     ",
+    data = const ADC_DATA,
+    admux = const ADMUX,
     ends = sym ENDS,
     pressure = const PRESSURE,
     flex = const FLEX,

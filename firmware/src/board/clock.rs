@@ -7,8 +7,6 @@
 //! one begins the next control period: control sees samples that are never older
 //! than one conversion, and always equally old.
 
-use core::arch::global_asm;
-
 use avr_device::atmega2560::TC3;
 use firmware::{
     byte::Byte,
@@ -19,9 +17,10 @@ use firmware::{
 
 use super::{
     adc,
-    entry::{enter, restore},
+    entry::{enter, handler, restore},
     periods::{self, BEATS},
     pulses,
+    registers::{ADCSRA, ADEN, ADIE, ADIF, ADPS, ADSC},
     shared::{self, SharedByte},
     switches,
 };
@@ -101,14 +100,14 @@ impl Clock {
 
 /// What starts a conversion: everything that [`adc::Adc::new`] sets, and the start bit. A flag would be
 /// cleared by writing a one.
-const START: u8 = 0b1100_1111;
+const START: u8 = 1 << ADEN | 1 << ADSC | 1 << ADIE | 0b111 << ADPS;
 /// A conversion is under way, or one is done and its interrupt pending. That one shall see the
 /// multiplexer as it was.
-const IS_CONVERTING: u8 = 0b0101_0000;
+const IS_CONVERTING: u8 = 1 << ADSC | 1 << ADIF;
 
 // A beat: it starts its conversion, unless the converter is busy with the one before. Three of four
 // do nothing else.
-global_asm!(
+handler!(
     "
     .section .text.softrig_beat,\"ax\",@progbits
     .global __vector_32
@@ -117,11 +116,11 @@ __vector_32:                        ; TIMER3_COMPA
     ",
     enter!(),
     "
-    lds  r24, 0x7a                  ; ADCSRA
+    lds  r24, {adcsra}
     andi r24, {is_converting}
     brne 1f
     ldi  r24, {start}
-    sts  0x7a, r24
+    sts  {adcsra}, r24
 1:  lds  r24, {beat}
     inc  r24
     sts  {beat}, r24
@@ -137,6 +136,7 @@ __vector_32:                        ; TIMER3_COMPA
     "
     jmp  {slot}
     ",
+    adcsra = const ADCSRA,
     is_converting = const IS_CONVERTING,
     start = const START,
     beat = sym BEAT,

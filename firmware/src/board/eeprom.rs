@@ -10,14 +10,17 @@ use avr_device::atmega2560::EEPROM;
 use firmware::store;
 use wire::settings::{SHIPPED_COUNT, Settings};
 
-use super::texts::flash_byte;
+use super::{
+    registers::{EECR, EEMPE, EEPE, EEPM},
+    texts::flash_byte,
+};
 
 /// Erases and writes.
-const BOTH: u8 = 0b00 << 4;
+const BOTH: u8 = 0b00 << EEPM;
 /// Sets every bit.
-const ERASE_ONLY: u8 = 0b01 << 4;
+const ERASE_ONLY: u8 = 0b01 << EEPM;
 /// Clears bits.
-const WRITE_ONLY: u8 = 0b10 << 4;
+const WRITE_ONLY: u8 = 0b10 << EEPM;
 
 /// The settings' memory.
 pub struct Eeprom(EEPROM);
@@ -88,10 +91,13 @@ impl store::Eeprom for Eeprom {
         avr_device::interrupt::free(|_| unsafe {
             self.0.eecr.write(|w| w.bits(mode));
             asm!(
-                "sbi 0x1f, 2",
-                "sbi 0x1f, 1",
+                "sbi {eecr}, {eempe}",
+                "sbi {eecr}, {eepe}",
+                eecr = const EECR,
+                eempe = const EEMPE,
+                eepe = const EEPE,
                 options(nostack, preserves_flags)
-            ); // EECR: EEMPE, EEPE
+            );
         });
     }
 }

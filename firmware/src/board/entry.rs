@@ -12,9 +12,9 @@
 /// Saves r24 and the flags; r24 is free.
 macro_rules! enter {
     () => {
-        "out 0x2a, r24
-         in r24, 0x3f
-         out 0x2b, r24
+        "out {gpior1}, r24
+         in r24, {sreg}
+         out {gpior2}, r24
         "
     };
 }
@@ -22,11 +22,23 @@ macro_rules! enter {
 /// Restores r24 and the flags.
 macro_rules! restore {
     () => {
-        "in r24, 0x2b
-         out 0x3f, r24
-         in r24, 0x2a
+        "in r24, {gpior2}
+         out {sreg}, r24
+         in r24, {gpior1}
         "
     };
 }
 
-pub(super) use {enter, restore};
+/// `global_asm!` with the registers that both need.
+macro_rules! handler {
+    ($($part:tt)*) => {
+        core::arch::global_asm!(
+            $($part)*
+            sreg = const $crate::board::registers::SREG,
+            gpior1 = const $crate::board::registers::GPIOR1,
+            gpior2 = const $crate::board::registers::GPIOR2,
+        );
+    };
+}
+
+pub(super) use {enter, handler, restore};

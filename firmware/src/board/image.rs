@@ -13,6 +13,8 @@ use wire::{
     stamp::{FLASH_BYTES, MARK, STAMP_BYTES},
 };
 
+use super::registers::RAMPZ;
+
 #[unsafe(link_section = ".progmem.data")]
 #[used]
 static STAMPED: [u8; MARK.len() + STAMP_BYTES] = {
@@ -47,11 +49,10 @@ fn add(crc: &mut Crc16, range: Range<u32>) {
 /// Reads a byte of flash from its 64 KiB.
 fn byte_of(page: u8, at: u16) -> u8 {
     let byte: u8;
-    // SAFETY: reading flash changes nothing; RAMPZ (0x3b) is used here only, before interrupts
-    // are on.
+    // SAFETY: reading flash changes nothing; RAMPZ is used here only, before interrupts are on.
     unsafe {
-        asm!("out 0x3b, {page}", "elpm {byte}, Z", page = in(reg) page, byte = out(reg) byte,
-            in("Z") at, options(nostack, preserves_flags, readonly));
+        asm!("out {rampz}, {page}", "elpm {byte}, Z", rampz = const RAMPZ,
+            page = in(reg) page, byte = out(reg) byte, in("Z") at, options(nostack, preserves_flags, readonly));
     }
     byte
 }

@@ -1,12 +1,11 @@
-//! Cycle marks for the simulator, and sleep, which it counts too.
+//! Cycle marks of the self-test, and sleep.
 
 use core::arch::asm;
 
 use avr_device::atmega2560::CPU;
-use wire::stretch;
 use wire::stretch::Probe;
 
-/// GPIOR0, a register without a function; the simulator watches it.
+/// GPIOR0, a register without a function, in which an onlooker sees what is being computed.
 pub struct Marks(CPU);
 
 impl Marks {
@@ -38,10 +37,8 @@ impl Marks {
                 unsafe { avr_device::interrupt::enable() };
                 return;
             }
-            self.write(stretch::IDLE);
             // SAFETY: interrupts were on before, and one of them ends the sleep.
             unsafe { asm!("sei", "sleep") };
-            self.write(0);
         }
     }
 }

@@ -15,6 +15,7 @@
 //! | checksum of the program | flash, RAMPZ | [`image`] |
 //! | watchdog, reset flags | WDT, MCUSR, GPIOR2 | [`watchdog`], [`reset`] |
 //! | what interrupts save | GPIOR1, GPIOR2 | `entry` |
+//! | addresses for assembly | all | `registers` |
 //! | cycle marks | GPIOR0 | [`marks`] |
 //! | stack depth, counters | – | [`stack`], [`health`] |
 //!
@@ -33,6 +34,7 @@ mod periods;
 mod pins;
 mod place;
 pub mod pulses;
+mod registers;
 pub mod reset;
 pub mod serial;
 mod shared;
@@ -98,7 +100,7 @@ pub struct Board {
     light: Light<pin_type!(Output, LIGHT)>,
     /// The second before a fault.
     past: &'static mut Past,
-    /// Cycle marks for the simulator.
+    /// Cycle marks of the self-test.
     marks: Marks,
     health: Health,
     watchdog: Watchdog,
@@ -248,13 +250,6 @@ impl port::Board for Board {
     #[inline(always)]
     fn completed(&mut self, is_armed: bool) {
         self.watchdog.feed(is_armed);
-    }
-
-    fn hang(&mut self) {
-        // Interrupts go on: they still send the reply.
-        loop {
-            avr_device::asm::nop();
-        }
     }
 }
 

@@ -15,7 +15,7 @@
 //! within two looks at a pressed emergency stop or at an end switch that the plunger
 //! runs into, without waiting for the main program.
 
-use core::{arch::global_asm, mem::size_of};
+use core::mem::size_of;
 
 use avr_device::atmega2560::{TC1, tc1::RegisterBlock as Timer};
 use firmware::{
@@ -26,8 +26,9 @@ use firmware::{
 };
 
 use super::{
-    entry::{enter, restore},
+    entry::{enter, handler, restore},
     pins::{is_at, pin_type},
+    registers::{OCR1A, TCNT1},
     shared::{self, CriticalSection, Shared, SharedByte, SharedFlag},
     switches::{self, PUSHED, RETRACTED, STOP},
 };
@@ -43,9 +44,6 @@ const _: () = assert!(
 
 /// Cycles that an interrupt needs to set the next edge.
 const LEAD: u16 = 60;
-
-/// The first time after a turn of the counter that is used for an edge.
-const AFTER_TURN: u16 = 16;
 
 /// Cycles after which the start of a long gap is handed to unit B.
 const HANDOVER: u16 = 200;
@@ -226,15 +224,7 @@ fn set_edge(timer: &Timer, edge: u16, ahead: u16) {
     } else {
         now.wrapping_add(LEAD)
     };
-    timer.ocr1a.write(|w| w.bits(reachable(at)));
-}
-
-/// A time that simavr does not miss. It looks for matches when the counter turns,
-/// a few cycles late, and what was due by then waits for another turn. On a board
-/// an edge in 4 096 is up to a microsecond late for it.
-#[inline(always)]
-const fn reachable(at: u16) -> u16 {
-    if at < AFTER_TURN { AFTER_TURN } else { at }
+    timer.ocr1a.write(|w| w.bits(at));
 }
 
 /// Waits for the end of a long gap, of which `waited` is over at `now`: sets the
@@ -249,9 +239,7 @@ fn wait(section: CriticalSection<'_>, timer: &Timer, now: u16, waited: u32) {
         WAITED.set(section, waited + u32::from(HOP));
         // Unit A stays parked: it would match in a turn, and unit B hops before.
         timer.ocr1a.write(|w| w.bits(now));
-        timer
-            .ocr1b
-            .write(|w| w.bits(reachable(now.wrapping_add(HOP))));
+        timer.ocr1b.write(|w| w.bits(now.wrapping_add(HOP)));
         timer.tifr1.write(|w| w.ocf1b().set_bit());
     }
     timer.timsk1.write(|w| {
@@ -383,10 +371,10 @@ fn begin_plan(section: CriticalSection<'_>, timer: &Timer) {
 }
 
 // An edge was made. With 28 000 of them a second this is the interrupt that
-// counts, and written in assembly it takes 47 cycles. It does the usual alone; what is not usual,
-// being late, a gap that is no short one, an edge soon after a turn, it leaves untouched to `edge`
+// counts, and written in assembly it takes 45 cycles. It does the usual alone; what is not usual,
+// being late or a gap that is no short one, it leaves untouched to `edge`
 // below, which can do it all. Which of a pulse's two edges it was, the pin says.
-global_asm!(
+handler!(
     "
     .section .text.softrig_edge,\"ax\",@progbits
     .global __vector_17
@@ -398,11 +386,11 @@ __vector_17:                        ; TIMER1_COMPA
     push r25
     push r26
 
-    lds  r24, 0x84                  ; TCNT1
-    lds  r25, 0x85
-    lds  r26, 0x88                  ; OCR1A: when the edge was
+    lds  r24, {tcnt1}
+    lds  r25, {tcnt1}+1
+    lds  r26, {ocr1a}               ; when the edge was
     sub  r24, r26
-    lds  r24, 0x89
+    lds  r24, {ocr1a}+1
     sbc  r25, r24
     tst  r25
     brne 2f                         ; 256 cycles ago or more
@@ -411,10 +399,8 @@ __vector_17:                        ; TIMER1_COMPA
 
     subi r26, {minus_high_low}      ; a pulse has begun: its end
     sbci r24, {minus_high_high}
-    tst  r24
-    breq 2f                         ; soon after a turn: see `reachable`
-    sts  0x89, r24
-    sts  0x88, r26
+    sts  {ocr1a}+1, r24
+    sts  {ocr1a}, r26
     lds  r24, {made}
     inc  r24
     sts  {made}, r24
@@ -440,11 +426,10 @@ __vector_17:                        ; TIMER1_COMPA
     add  r26, r25
     lds  r25, {short_gap}+1
     adc  r24, r25
-    breq 2f
     tst  r25
     breq 2f                         ; no short gap
-    sts  0x89, r24
-    sts  0x88, r26
+    sts  {ocr1a}+1, r24
+    sts  {ocr1a}, r26
     pop  r26
     pop  r25
     ",
@@ -459,6 +444,8 @@ __vector_17:                        ; TIMER1_COMPA
     "
     jmp  {edge}
     ",
+    tcnt1 = const TCNT1,
+    ocr1a = const OCR1A,
     pin = const wiring::STEP.port_address() - 2,
     bit = const wiring::STEP.bit,
     made = sym MADE,
@@ -491,9 +478,7 @@ extern "avr-interrupt" fn edge() {
             let late = timer.tcnt1.read().bits().wrapping_sub(edge);
             let after = late.saturating_add(LEAD).max(HANDOVER);
             WAITED.set(section, u32::from(after));
-            timer
-                .ocr1b
-                .write(|w| w.bits(reachable(edge.wrapping_add(after))));
+            timer.ocr1b.write(|w| w.bits(edge.wrapping_add(after)));
             timer.tifr1.write(|w| w.ocf1b().set_bit());
             timer.timsk1.write(|w| {
                 w.ocie1a().set_bit();

@@ -20,6 +20,8 @@ use firmware::{
     wiring::{DIRECTION, ENABLE, VALVE},
 };
 
+use super::registers::{BORF, GPIOR2, MCUSR, PORF, WDCE, WDE, WDRF, WDTCSR};
+
 const _: () = assert!(
     DIRECTION.port == ENABLE.port && VALVE.port == ENABLE.port,
     "the first instructions set one port"
@@ -33,21 +35,25 @@ global_asm!(
     ldi r24, {outputs}
     out {ddr}, r24
 
-    in r24, 0x34        ; MCUSR
-    out 0x2b, r24       ; GPIOR2
+    in r24, {mcusr}
+    out {gpior2}, r24
     ldi r24, 0
-    out 0x34, r24
+    out {mcusr}, r24
     wdr
-    ldi r24, 0x18       ; WDCE, WDE
-    sts 0x60, r24       ; WDTCSR
+    ldi r24, {change}
+    sts {wdtcsr}, r24
     ldi r24, 0
-    sts 0x60, r24
+    sts {wdtcsr}, r24
 
     .section .noinit,"aw",@nobits
     .global softrig_last_words
 softrig_last_words:
     .skip 2
     "#,
+    mcusr = const MCUSR,
+    gpior2 = const GPIOR2,
+    wdtcsr = const WDTCSR,
+    change = const 1 << WDCE | 1 << WDE,
     port = const ENABLE.port_address(),
     ddr = const ENABLE.port_address() - 1,
     enable = const 1 << ENABLE.bit,
@@ -68,9 +74,9 @@ const STOPPED_ITSELF: u16 = 0x5ca1;
 /// turns some of them does not make one of the other.
 const ARMED: u16 = 0xa35e;
 
-const POWER_ON: u8 = 1 << 0;
-const BROWN_OUT: u8 = 1 << 2;
-const WATCHDOG: u8 = 1 << 3;
+const POWER_ON: u8 = 1 << PORF;
+const BROWN_OUT: u8 = 1 << BORF;
+const WATCHDOG: u8 = 1 << WDRF;
 
 /// Why the processor started. To be asked once.
 pub fn cause(processor: &CPU) -> ResetCause {

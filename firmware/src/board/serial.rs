@@ -4,7 +4,7 @@
 //! all, and what was dropped is counted. Replies are asked for, and wait for
 //! their turn.
 
-use core::{arch::global_asm, convert::Infallible};
+use core::convert::Infallible;
 
 use avr_device::atmega2560::USART0;
 use embedded_hal_nb::serial::{ErrorType, Read, Write};
@@ -16,7 +16,8 @@ use firmware::{
 use ufmt::uWrite;
 
 use super::{
-    entry::{enter, restore},
+    entry::{enter, handler, restore},
+    registers::{UCSR0B, UDR0, UDRIE0},
     shared::SharedByte,
     wake,
 };
@@ -28,9 +29,6 @@ const BAUD: u32 = 115_200;
 /// The divisor for [`BAUD`] with eight samples a bit, rounded to the nearest.
 #[allow(clippy::cast_possible_truncation)]
 const BAUD_DIVISOR: u16 = ((CPU_HZ + 4 * BAUD) / (8 * BAUD) - 1) as u16;
-
-/// The bit of UCSR0B that switches the transmitter's interrupt on.
-const UDRIE: u8 = 1 << 5;
 
 static RECEIVED: Ring<SharedByte> = Ring::new();
 static TO_SEND: Ring<SharedByte> = Ring::new();
@@ -174,7 +172,7 @@ fn USART0_RX() {
 
 // The transmitter takes another byte: the oldest, as `Ring::pop` does; without one this interrupt is
 // switched off. It comes 10 000 times a second.
-global_asm!(
+handler!(
     "
     .section .text.softrig_send,\"ax\",@progbits
     .global __vector_26
@@ -196,7 +194,7 @@ __vector_26:                        ; USART0_UDRE
     subi r30, lo8(-({ring}))
     sbci r31, hi8(-({ring}))
     ld   r24, Z
-    sts  0xc6, r24                  ; UDR0
+    sts  {udr0}, r24
     pop  r31
     pop  r30
     ",
@@ -204,17 +202,19 @@ __vector_26:                        ; USART0_UDRE
     "
     reti
 
-1:  lds  r24, 0xc1                  ; UCSR0B, which the main program changes with interrupts off
+1:  lds  r24, {ucsr0b}              ; which the main program changes with interrupts off
     andi r24, {not_udrie}
-    sts  0xc1, r24
+    sts  {ucsr0b}, r24
     pop  r30
     ",
     restore!(),
     "
     reti
     ",
+    udr0 = const UDR0,
+    ucsr0b = const UCSR0B,
     ring = sym TO_SEND,
     head = const Ring::<SharedByte>::HEAD,
     tail = const Ring::<SharedByte>::TAIL,
-    not_udrie = const !UDRIE,
+    not_udrie = const !(1_u8 << UDRIE0),
 );

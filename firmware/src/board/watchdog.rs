@@ -13,14 +13,17 @@ use core::arch::asm;
 
 use avr_device::atmega2560::WDT;
 
-use super::reset;
+use super::{
+    registers::{WDCE, WDE, WDIE, WDPL, WDTCSR},
+    reset,
+};
 
-/// WDCE and WDE: the next write counts.
-const CHANGE: u8 = 0b0001_1000;
+/// The next write counts.
+const CHANGE: u8 = 1 << WDCE | 1 << WDE;
 /// Interrupt and reset mode, a quarter of a second each.
-const AT_REST: u8 = 0b0100_1100;
+const AT_REST: u8 = 1 << WDIE | 1 << WDE | 0b100 << WDPL;
 /// The same, 64 ms each.
-const ARMED: u8 = 0b0100_1010;
+const ARMED: u8 = 1 << WDIE | 1 << WDE | 0b010 << WDPL;
 
 /// The watchdog.
 pub struct Watchdog {
@@ -49,8 +52,9 @@ impl Watchdog {
         avr_device::interrupt::free(|_| unsafe {
             asm!(
                 "wdr",
-                "sts 0x60, {change}", // WDTCSR
-                "sts 0x60, {mode}",
+                "sts {wdtcsr}, {change}",
+                "sts {wdtcsr}, {mode}",
+                wdtcsr = const WDTCSR,
                 change = in(reg) CHANGE,
                 mode = in(reg) mode,
                 options(nostack, preserves_flags)

@@ -36,7 +36,7 @@ Examples:
   softrig commission --list
   softrig commission --port /dev/ttyACM0 --report board.html --json board.json
   softrig commission --port /dev/ttyACM0 --only clock
-  softrig commission --port /dev/ttyACM0 --skip relief --skip watchdog
+  softrig commission --port /dev/ttyACM0 --skip relief
   softrig commission --virtual --report practice.html
   softrig commission --virtual --fault leak
 

@@ -548,6 +548,27 @@ fn a_main_program_that_hangs() {
     bench.arm();
 }
 
+/// At rest the watchdog leaves the self-test its time.
+#[test]
+fn a_main_program_that_hangs_at_rest() {
+    let Some(mut bench) = Bench::start(healthy()) else {
+        return;
+    };
+    let begin = bench.rig.time_s();
+    bench.rig.set_fault(Broken::Hang, true);
+    while bench.rig.resets() == 0 {
+        bench.run(0.01);
+        assert!(bench.rig.time_s() - begin < 1.0, "no watchdog");
+    }
+    let after = bench.rig.time_s() - begin;
+    assert!((0.45..=0.6).contains(&after), "{after} s");
+    bench.samples.clear();
+    bench.until(3.0, "a sample", |bench| !bench.samples.is_empty());
+    assert_eq!(bench.fault(), Some(Fault::Watchdog));
+    bench.obey(Command::Clear);
+    bench.arm();
+}
+
 #[test]
 fn switches_stop_the_pump_before_the_control_loop_looks() {
     for broken in [Broken::EmergencyStop, Broken::EndSwitch] {

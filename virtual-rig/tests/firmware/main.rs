@@ -7,6 +7,7 @@
 
 mod bench;
 mod faults;
+mod handlers;
 mod line;
 mod prediction;
 mod pump;

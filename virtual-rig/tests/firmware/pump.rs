@@ -50,8 +50,8 @@ fn steady(intervals: &[u64], planned: u64) -> Vec<u64> {
 /// serial line and the model interrupt one another.
 #[test]
 fn pulses_do_not_jitter() {
-    /// 1.5 µs. An edge soon after a turn of the counter is made up to 16 cycles later, for simavr's
-    /// sake; and simavr moves a pin up to 13 late, after the entry of an interrupt.
+    /// 1.5 µs. Simulated, an edge soon after a turn of the counter comes up to 16 cycles later
+    /// (`shim.c`), and any pin moves up to 13 late, after the entry of an interrupt.
     const MOST_CYCLES: u64 = 24;
     // The pump starts in different phases of the control period, the converter and the line.
     for delay_s in [0.0, 0.0011, 0.0023, 0.0037] {

@@ -43,13 +43,11 @@ pub enum Step {
     Pressure,
     /// The mechanical relief valve.
     Relief,
-    /// The watchdog.
-    Watchdog,
 }
 
 impl Step {
     /// Every step.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 11] = [
         Self::Identity,
         Self::SelfTest,
         Self::Telemetry,
@@ -61,7 +59,6 @@ impl Step {
         Self::EmergencyStop,
         Self::Pressure,
         Self::Relief,
-        Self::Watchdog,
     ];
 
     /// The word on the command line.
@@ -78,7 +75,6 @@ impl Step {
             Self::EmergencyStop => "emergency-stop",
             Self::Pressure => "pressure",
             Self::Relief => "relief",
-            Self::Watchdog => "watchdog",
         }
     }
 
@@ -96,7 +92,6 @@ impl Step {
             Self::EmergencyStop => "Emergency stop",
             Self::Pressure => "Pressure, leak and vent",
             Self::Relief => "Relief valve",
-            Self::Watchdog => "Watchdog",
         }
     }
 
@@ -135,9 +130,6 @@ impl Step {
             }
             Self::Relief => {
                 "The mechanical valve is the one limit that needs neither sensor nor firmware."
-            }
-            Self::Watchdog => {
-                "A firmware that hangs is restarted within a second, and the board comes back; old bootloaders loop here for ever."
             }
         }
     }
@@ -194,9 +186,6 @@ impl Step {
             }
             Self::Relief => {
                 "Set the valve 10 to 20 % above max.kpa, below the actuator's limit, or replace it; no pressure without it."
-            }
-            Self::Watchdog => {
-                "If the light on pin 13 flickers fast and the port stays silent, the bootloader loops: take the power away, and write a newer bootloader (docs/hardware/wiring.md)."
             }
         }
     }

@@ -279,7 +279,7 @@ impl<'o> Session<'o> {
                 "The virtual rig has no relief valve.",
             )));
         }
-        if step.moves().is_some() || step == Step::Watchdog {
+        if step.moves().is_some() {
             let status = self.status()?;
             if let Some(fault) = status.fault {
                 let why = format!("Nothing was moved: {}", latched(fault));
@@ -291,7 +291,7 @@ impl<'o> Session<'o> {
                 }));
             }
         }
-        if step.moves().is_some() || matches!(step, Step::Watchdog | Step::Relief) {
+        if step.moves().is_some() || step == Step::Relief {
             self.operator.agrees(step)?;
             if self.answered()? == Answer::Skip {
                 return Ok(Some(Finding::skipped(step, "Skipped by the operator.")));
@@ -313,7 +313,6 @@ impl<'o> Session<'o> {
             Step::EmergencyStop => self.emergency_stop(),
             Step::Pressure => self.pressure(),
             Step::Relief => self.relief(),
-            Step::Watchdog => self.watchdog(),
         }
     }
 
@@ -846,52 +845,6 @@ impl<'o> Session<'o> {
             ),
         ];
         Ok(Finding::judge(Step::Relief, measured, "It opens."))
-    }
-
-    fn watchdog(&mut self) -> anyhow::Result<Finding> {
-        let restarts = self.link.counters().restarts;
-        match self.request(Command::Hang) {
-            Err(LinkError::Refused {
-                refusal: Refusal::Unknown,
-                ..
-            }) => {
-                return Ok(Finding::failed(
-                    Step::Watchdog,
-                    "This firmware cannot hang on request: flash the one of this version.",
-                    Vec::new(),
-                ));
-            }
-            other => other?,
-        };
-        let hung = Instant::now();
-        let came_back = self.until(20.0, |session| {
-            Ok(session.link.counters().restarts > restarts)
-        });
-        let seconds = hung.elapsed().as_secs_f64();
-        let came_back = match came_back {
-            Ok(came_back) => came_back,
-            Err(error) if error.is::<Interrupted>() => return Err(error),
-            Err(_) => false,
-        };
-        let mut measured = vec![Measurement::flag("the board came back", came_back)];
-        if came_back {
-            if !self.is_simulated {
-                measured.push(Measurement::new("after", seconds, "s", Limit::AtMost(4.0)));
-            }
-            let fault = self.status()?.fault;
-            let knows = fault == Some(Fault::Watchdog);
-            measured.push(Measurement::flag(
-                "it names the watchdog as the cause",
-                knows,
-            ));
-        } else {
-            self.lost = Some("The board did not come back from its watchdog.".to_owned());
-        }
-        Ok(Finding::judge(
-            Step::Watchdog,
-            measured,
-            "A firmware that hangs is restarted, with the outputs safe.",
-        ))
     }
 
     // ------------------------------------------------------------- the board
