@@ -1,6 +1,7 @@
 //! The `softrig` command with what it has in the lab: files of other programs, models in other
 //! languages, and the pages that describe all of it.
 
+mod claims;
 mod documents;
 mod export;
 mod formats;

@@ -10,8 +10,10 @@ use model_core::catalogue::Kind;
 use model_core::effects::{Doubtful, Unit};
 
 use crate::diagnose::fit::candidates::Candidate;
+use crate::diagnose::fit::numbers::FARTHEST;
 use crate::diagnose::recordings::needs::is_loaded_again;
 use crate::estimate::Dataset;
+use crate::estimate::fit::Fit;
 use crate::statistics::moves;
 use softrig_formats::recording::Recording;
 
@@ -42,6 +44,9 @@ pub enum Doubt {
     /// An offset of the sensor beside an actuator that creeps: the rest that it was taken from
     /// still moved.
     CreepingRest,
+    /// It takes back what the spring has grown by: the two nearly cancel, and what is left of them is
+    /// the formula of another effect.
+    Cancels,
 }
 
 impl Doubt {
@@ -51,8 +56,8 @@ impl Doubt {
         matches!(self, Self::FewPeriods | Self::Drive)
     }
 
-    /// The first that applies.
-    pub fn of(candidate: &Candidate, data: &Dataset) -> Option<Self> {
+    /// The first that applies to a structure that extends `refit`.
+    pub fn of(candidate: &Candidate, refit: &Candidate, data: &Dataset) -> Option<Self> {
         let effects = Effects { candidate };
         if effects.any_at_bound() {
             Some(Self::AtBound)
@@ -62,12 +67,22 @@ impl Doubt {
             Some(Self::LoadedOnce)
         } else if effects.stand_beside_a_cause() {
             Some(Self::CreepingRest)
+        } else if spring(&candidate.fit, data) > FARTHEST * spring(&refit.fit, data) {
+            Some(Self::Cancels)
         } else {
             effects
                 .frequencies()
                 .find_map(|(kind, frequency)| of_line(kind, frequency, data))
         }
     }
+}
+
+/// The restoring force at the largest angle, by the gain of the input: where the inertia does not
+/// show, all forces can grow together.
+fn spring(fit: &Fit, data: &Dataset) -> f64 {
+    let value = |id| fit.model.value(id).unwrap_or(1.0);
+    let bent = libm::pow(data.largest_angle(), value(ParameterId::Exponent));
+    value(ParameterId::Stiffness) * bent / value(ParameterId::InputGain)
 }
 
 /// The added effects of a structure.

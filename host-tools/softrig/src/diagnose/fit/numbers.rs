@@ -12,7 +12,7 @@ use crate::estimate::fit::Fit;
 
 /// How far a number of a model is off at most, as a factor: data sheets and hand calculations of soft
 /// bodies are right within two or three.
-const FARTHEST: f64 = 5.0;
+pub const FARTHEST: f64 = 5.0;
 
 /// What imitates a parameter that is far above and far below what was expected.
 const IMITATES: [(ParameterId, [&str; 2]); 3] = [

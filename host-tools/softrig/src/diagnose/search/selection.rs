@@ -194,7 +194,7 @@ impl Rows {
                     kinds: row.candidate.set(),
                     fitted: it.fitted,
                     held_out: it.held_out,
-                    doubt: Doubt::of(&row.candidate, data),
+                    doubt: Doubt::of(&row.candidate, &all[it.refit].row.candidate, data),
                     degenerate: row.candidate.is_degenerate(),
                     rms: row.held_out.full / accuracy,
                     at_noise: row.held_out.full <= at_noise,
