@@ -9,7 +9,9 @@
 //! curve of a spring.
 
 use super::table::Variable;
-use super::{Change, Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters};
+use super::{
+    Change, Doubtful, Family, Hidden, Info, Instant, Mechanism, Parameter, Place, Unit, parameters,
+};
 use crate::dynamics::{Dynamics, Rates};
 use crate::elementary::sin_near;
 #[cfg(test)]
@@ -42,7 +44,7 @@ pub const INFO: Info = Info {
     special_case: None,
     imitates: &[],
     told_by: &[Change::Turned],
-    doubtful: &[],
+    doubtful: &[Doubtful::TakesBack],
     has_slope: true,
     states: &[],
 };

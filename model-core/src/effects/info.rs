@@ -91,6 +91,9 @@ pub enum Doubtful {
     LoadedOnce,
     /// The recordings hold a few periods only: then it is a curve in time.
     FewPeriods,
+    /// The spring has grown fivefold, and the effect takes that back: what is left of two curves of the
+    /// angle that nearly cancel is the curve of another effect.
+    TakesBack,
     /// Beside this effect, which makes the same of another cause.
     Beside(Kind),
 }

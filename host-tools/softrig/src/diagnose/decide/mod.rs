@@ -566,8 +566,8 @@ fn measured_odds(rival: &StructureScore, first: &StructureScore, policy: &Policy
     // A parameter at its bound makes another effect of it, or bends it.
     let is_no_better = rival.doubt == Some(Doubt::AtBound) && ratio >= policy.doubted_leaves;
     let follows_runs = rival.doubt.is_some_and(Doubt::is_of_the_runs) && !first.at_noise;
-    let cancels = rival.doubt == Some(Doubt::Cancels);
-    let gives_way = first.doubt.is_none() && (is_no_better || follows_runs || cancels);
+    let takes_back = rival.doubt == Some(Doubt::TakesBack);
+    let gives_way = first.doubt.is_none() && (is_no_better || follows_runs || takes_back);
     if rival.kinds.len() != first.kinds.len() || !takes_part(rival) || gives_way {
         return 0.0;
     }

@@ -44,9 +44,8 @@ pub enum Doubt {
     /// An offset of the sensor beside an actuator that creeps: the rest that it was taken from
     /// still moved.
     CreepingRest,
-    /// It takes back what the spring has grown by: the two nearly cancel, and what is left of them is
-    /// the formula of another effect.
-    Cancels,
+    /// It takes back what the spring has grown by ([`Doubtful::TakesBack`]).
+    TakesBack,
 }
 
 impl Doubt {
@@ -67,8 +66,10 @@ impl Doubt {
             Some(Self::LoadedOnce)
         } else if effects.stand_beside_a_cause() {
             Some(Self::CreepingRest)
-        } else if spring(&candidate.fit, data) > FARTHEST * spring(&refit.fit, data) {
-            Some(Self::Cancels)
+        } else if effects.any_doubtful(Doubtful::TakesBack)
+            && spring(&candidate.fit, data) > FARTHEST * spring(&refit.fit, data)
+        {
+            Some(Self::TakesBack)
         } else {
             effects
                 .frequencies()
