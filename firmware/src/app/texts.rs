@@ -25,7 +25,7 @@ pub trait Texts {
 pub const HELP: [&str; 7] = [
     "status, raw, switches, exact, get KEY: look; stop, disarm: all off",
     "machine: pump and supply; log N: faults, 0 the latest; past N: before it",
-    "arm: home and be ready; run [paper|steps|stairs|triangle|small|sines|hold|follow]",
+    "arm: home; run [paper|steps|stairs|triangle|small|sines|hold|follow]",
     "load N, seg I step|ramp|sines|hold|release|repeat ...: a protocol of your own",
     "set KEY BITS, save, discard: settings; tare: zero the sensors; clear: a fault",
     "stroke: measure the pump; selftest: model steps to the bit",

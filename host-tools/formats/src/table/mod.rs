@@ -18,7 +18,7 @@ use std::path::Path;
 use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::{DecodeReaderBytes, DecodeReaderBytesBuilder};
 
-use crate::bounded::{Bounded, Limits};
+use crate::bounded::{self, Bounded, Limits};
 use crate::error::InputError;
 use lines::Lines;
 pub(crate) use numbers::is_with_comma;
@@ -208,14 +208,8 @@ impl<'a, R: Read> Rows<'a, R> {
         // A name may go over two lines.
         let is_odd = |c: char| c.is_control() && !c.is_ascii_whitespace();
         let mut names = found.header.names.iter();
-        if let Some(name) = names.find(|name| name.contains(is_odd)) {
-            let name = name.replace(is_odd, "\u{fffd}");
-            return Err(InputError::new(
-                format!("the column name \"{name}\" contains a control character"),
-                "rename the column, or save the table as text",
-            )
-            .in_file(path)
-            .at_line(found.header.line));
+        if names.any(|name| name.contains(is_odd)) {
+            return Err(bounded::not_text(path).at_line(found.header.line));
         }
         let begun = Begun {
             seen: Cursor::new(top.seen_from(found.rows_at)),

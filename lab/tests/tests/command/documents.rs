@@ -62,13 +62,6 @@ const NOT_RUN: &[(&str, &str)] = &[
     ),
 ];
 
-/// Lines of one page that are not run.
-const SLOW: &[(&str, &str, &str)] = &[(
-    "custom-effects.md",
-    "softrig diagnose --model demo",
-    "a minute: the rig is not in the catalogue",
-)];
-
 /// Where the pages name a board, a virtual one answers.
 const BOARD: &str = "/dev/ttyACM0";
 const LINK: &str = "rig-port";
@@ -428,12 +421,7 @@ fn plan() -> Vec<(String, Vec<(Shown, Fate)>)> {
                 let bare = start.strip_suffix(" #");
                 bare.map_or(line.starts_with(&start), |bare| typed == bare)
             });
-            let slow = SLOW
-                .iter()
-                .find(|(page, start, _)| name.ends_with(page) && line.starts_with(start));
-            let fate = if let Some((.., why)) = slow {
-                Fate::NotRun(why)
-            } else if let Some((_, why)) = not_run {
+            let fate = if let Some((_, why)) = not_run {
                 Fate::NotRun(why)
             } else if !has_own_rig && !seen.insert(typed) && shown.quoted.is_empty() {
                 Fate::Elsewhere
