@@ -17,6 +17,7 @@ const RAM_END = 0x21ff;
 const GPIOR0 = 0x3e, SMCR = 0x53, MCUSR = 0x54;
 const PORTS = { A: 0x20, B: 0x23, D: 0x29, E: 0x2c };
 const STEP_BIT = 5, DIRECTION_BIT = 0, ENABLE_BIT = 2;
+const RECEIVED = 0x80; // RXC of UCSR0A
 const word = (vector) => vector * 2;
 const SLEEP = 0x9588;
 // 1.1 V / 5 V of 1 024 counts, cut off as simavr does.
@@ -162,6 +163,13 @@ export class Board {
     // The flag says that the register is empty, and stays until it is not: avr8js drops it when the
     // interrupt is entered, and a handler without a byte to send would wait for ever.
     this.serial.UDRE.constant = true;
+    // avr8js forgets a received byte when UCSR0B is written, which the sender does to fall silent.
+    const { UCSRA, UCSRB } = usart0Config, configured = writeHooks[UCSRB];
+    writeHooks[UCSRB] = (value, ...rest) => {
+      const isReceived = data[UCSRA] & RECEIVED, isDone = configured(value, ...rest);
+      if (isReceived) cpu.setInterruptFlag(this.serial.RXC);
+      return isDone;
+    };
     this.serial.onByteTransmit = (byte) => this.output.push(byte);
     this.serial.onRxComplete = () => this.feed();
     this.converter = new AVRADC(cpu, { ...adcConfig, adcInterrupt: word(29) });
