@@ -269,7 +269,7 @@ def test_a_budget_ends_the_search_with_an_answer(
 ) -> None:
     found = softrig.diagnose(model, recordings, budget_s=0)
     assert found.verdict.ended == "budget" and found.verdict.not_tried
-    assert "The time of 0 ms was up" in str(found)
+    assert "The time of 0 ms ran out" in str(found)
     for seconds in [-1.0, float("nan"), 1e300]:
         with pytest.raises(softrig.InputError, match="budget_s is"):
             softrig.diagnose(model, recordings, budget_s=seconds)
