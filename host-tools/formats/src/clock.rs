@@ -261,17 +261,12 @@ impl Ordered {
                 offset += period;
                 all.push(at, raw[at] + offset);
                 at += 1;
-            } else if next.is_some_and(near) {
-                // Late, if there is a hole where it belongs.
-                if all.sort_in(begin, raw, at..at + 1, offset, usual) {
-                    finds.unsorted.push(at);
-                } else {
-                    finds.misfits.push(at);
-                }
-                at += 1;
             } else if all.sort_in(begin, raw, back.clone(), offset, usual) {
                 finds.unsorted.extend(back.clone());
                 at = back.end;
+            } else if next.is_some_and(near) {
+                finds.misfits.push(at);
+                at += 1;
             } else {
                 finds.restarts.push(at);
                 offset = last + pause_s(usual) - raw[at];

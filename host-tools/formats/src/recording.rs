@@ -222,6 +222,12 @@ fn text_or_date<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<Stri
     })
 }
 
+/// Name and unit of the output of recordings: those of the first.
+pub fn measurand(recordings: &[Recording]) -> Measurand {
+    let first = recordings.first();
+    first.map_or_else(Measurand::default, |it| it.measurand.clone())
+}
+
 impl Recording {
     /// Reads and checks a recording whose columns hold what their header says. Warnings ask about
     /// what may be meant but is unusual: units, gaps, a last line without an end. What was left out

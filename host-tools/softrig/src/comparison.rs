@@ -7,7 +7,7 @@ use model_core::actuator::{Model, ParameterId};
 use softrig_formats::error::InputError;
 use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
-use softrig_formats::recording::Recording;
+use softrig_formats::recording::{Recording, measurand};
 
 use crate::diagnose::recordings::noise::NoiseFloor;
 use crate::estimate::Dataset;
@@ -65,8 +65,7 @@ impl Comparison {
 
     /// What the output is.
     pub fn measurand(&self) -> Measurand {
-        let first = self.runs.first();
-        first.map_or_else(Measurand::default, |run| run.measurand.clone())
+        measurand(&self.runs)
     }
 
     /// Adds somebody else's predictions of the same runs.

@@ -18,10 +18,9 @@ use softrig::estimate::fitter::Fitter;
 use softrig::estimate::profile::Profile;
 use softrig::estimate::refit::{NOT_CONVERGED, Refit, refit};
 use softrig_formats::error::write_atomically;
-use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::{ModelFile, parameter_name, parameter_unit, to_file_units};
 use softrig_formats::numbers::{short, tidy, with_ends};
-use softrig_formats::recording::Recording;
+use softrig_formats::recording::{Recording, measurand};
 use softrig_report::plot::{Figure, Panel, Series, Style};
 
 /// Fits the free parameters of a model to recordings.
@@ -373,10 +372,7 @@ fn error_table(recordings: &[Recording], before: &Fit, after: &Fit) -> String {
     };
     let mut text = format!(
         "{:<40} {:>11} {:>11}\n",
-        recordings
-            .first()
-            .map_or_else(Measurand::default, |it| it.measurand.clone())
-            .with_unit("RMS error"),
+        measurand(recordings).with_unit("RMS error"),
         "nominal",
         "fitted"
     );

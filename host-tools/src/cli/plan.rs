@@ -29,12 +29,11 @@ use softrig::estimate::{Dataset, Nuisance};
 use softrig::sim::protocol::{Play, Protocol, play};
 use softrig_formats::error::{InputError, write_atomically};
 use softrig_formats::family::names;
-use softrig_formats::measurand::Measurand;
 use softrig_formats::model_file::ModelFile;
 use softrig_formats::numbers::{evidence, tidy};
 use softrig_formats::own_effects::OwnEffects;
 use softrig_formats::protocol_file::ProtocolFile;
-use softrig_formats::recording::{PASCAL_PER_KPA, Recording};
+use softrig_formats::recording::{PASCAL_PER_KPA, Recording, measurand};
 
 /// Finds the run that separates two effects, within the limits of the rig, and
 /// writes it as a protocol file that `softrig record` plays.
@@ -110,9 +109,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         read,
     )?;
     let (file, recordings) = super::read(&model, &args.recordings, &args.input)?;
-    let measurand = recordings
-        .first()
-        .map_or_else(Measurand::default, |it| it.measurand.clone());
+    let measurand = measurand(&recordings);
     let own = match &args.effects {
         Some(path) => Some(OwnEffects::read(path, &file.model)?),
         None => None,

@@ -868,6 +868,17 @@ mod tests {
                 Named(1, Explains),
             ),
             (
+                "a sine that takes back a spring, beside a curve",
+                vec![
+                    row(&c, 0.20),
+                    StructureScore {
+                        doubt: Some(Doubt::TakesBack),
+                        ..as_likely(&g, 0.21, 0.20)
+                    },
+                ],
+                Named(1, Explains),
+            ),
+            (
                 "a doubt keeps from a name",
                 vec![doubted(row(&g, 0.2))],
                 cannot_tell(&[1], &shape, Explains),

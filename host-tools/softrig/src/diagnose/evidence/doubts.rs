@@ -232,7 +232,11 @@ fn correlation(series: &[f64], lag: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
+    use crate::estimate::fitter::Fitter;
+    use softrig_formats::model_file::ModelFile;
 
     fn driven(pressure: impl Fn(f64) -> f64) -> Dataset {
         let time: Vec<f64> = (0..2000).map(|k| 0.01 * f64::from(k)).collect();
@@ -260,6 +264,37 @@ mod tests {
         let both = [&sine, &stair].map(|it| it.sessions()[0].recording().clone());
         let both = Dataset::of(&both);
         assert_eq!(of_line(Kind::SecondMode, 0.8, &both), None);
+    }
+
+    /// A spring that has grown eightfold and a sine that takes it back are a cubic; a sine in a
+    /// spring's place is a pendulum.
+    #[test]
+    fn gravity_beside_a_spring_that_has_grown_fivefold_is_doubted() {
+        let data = driven(|t| 2e4 * (1.0 + (std::f64::consts::TAU * 0.4 * t).sin()));
+        let candidate = |stiffness: f64, effect: &str| {
+            let text = format!(
+                "schema = 1\n[dynamics]\ninertia_kg_m = 0.3\ndamping_n_s_per_rad = 1.5\n\
+                 stiffness_n_per_rad_n = {stiffness}\nexponent = 1.0\n\
+                 input_gain_n_per_kpa = 0.12\n{effect}"
+            );
+            let model = ModelFile::parse(&text, Path::new("m.toml")).unwrap().model;
+            let fit = Fitter::new(&model, &data).compare(&model);
+            Candidate::of(usize::from(!effect.is_empty()), fit)
+        };
+        let refit = candidate(5.0, "");
+        for (stiffness, force, doubt) in [
+            (40.0, -35.0, Some(Doubt::TakesBack)),
+            (20.0, -15.0, None),
+            (0.5, 4.5, None),
+        ] {
+            let effect =
+                format!("[[effect]]\nkind = \"gravity\"\nforce_n = {force}\ntilt_rad = 0.0\n");
+            let found = Doubt::of(&candidate(stiffness, &effect), &refit, &data);
+            assert_eq!(found, doubt, "{stiffness} {force}");
+        }
+        // What softens with the pressure begins with a stiffer spring.
+        let softens = "[[effect]]\nkind = \"pressure_stiffening\"\nper_kpa = -0.018\n";
+        assert_eq!(Doubt::of(&candidate(40.0, softens), &refit, &data), None);
     }
 
     /// Twenty seconds hold two periods of a tenth of a hertz, and eight of four tenths.
